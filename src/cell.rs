@@ -1,0 +1,1 @@
+//! Unit cells: symmetric Fourier series in an element's reference frame.

@@ -1,0 +1,149 @@
+//! Fields: real functions on one frame, negative inside the solid, that know a bound over any box.
+//!
+//! Everything between the sources and the first operation that needs neighbours is a field: cells in
+//! the cell frame, the tiling, envelopes, skins and primitives in world space. Fields combine by
+//! minimum (union) and maximum (intersection) and are culled together by their bounds.
+//!
+//! Conventions: phi < 0 inside. [`Field::bound`] is conservative: it contains every value that
+//! [`Field::value`] returns in the region, to rounding. Bulk results are `f32` in the caller's buffer,
+//! z fastest, then y, then x: the layout of an OpenVDB leaf.
+//!
+//! A *distance field* is a world field whose values are signed distances in world units wherever
+//! |value| < w, its band half width; beyond, it only promises |value| >= w with the right sign.
+
+use crate::frame::{Aabb, CellBox, CellPoint, Vec3, WorldPoint};
+use nalgebra::SVector;
+
+mod combine;
+mod primitive;
+pub use combine::{Complement, Intersection, Union};
+pub use primitive::{BoxSolid, Sphere};
+
+/// A closed interval of field values.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Interval {
+    /// Least value.
+    pub lo: f64,
+    /// Greatest value.
+    pub hi: f64,
+}
+
+impl Interval {
+    /// Every number.
+    pub const ALL: Self = Self {
+        lo: f64::NEG_INFINITY,
+        hi: f64::INFINITY,
+    };
+
+    /// The interval from `lo` to `hi`.
+    pub const fn new(lo: f64, hi: f64) -> Self {
+        Self { lo, hi }
+    }
+
+    /// Whether `v` lies within, the ends included.
+    pub fn contains(self, v: f64) -> bool {
+        self.lo <= v && v <= self.hi
+    }
+
+    /// The smallest interval that holds both.
+    #[must_use]
+    pub fn hull(self, other: Self) -> Self {
+        Self {
+            lo: self.lo.min(other.lo),
+            hi: self.hi.max(other.hi),
+        }
+    }
+}
+
+/// The points of a frame: which region a bound is asked over, which vector a gradient is.
+pub trait Point: Copy + Send + Sync {
+    /// An axis-aligned box in the frame.
+    type Region: Copy;
+    /// A difference of two points.
+    type Vector: Copy;
+    /// The point moved by `step * (i, j, k)`; planar frames ignore what they lack.
+    #[must_use]
+    fn stepped(self, step: f64, index: [usize; 3]) -> Self;
+}
+
+impl Point for WorldPoint {
+    type Region = Aabb;
+    type Vector = Vec3;
+    fn stepped(self, step: f64, i: [usize; 3]) -> Self {
+        Self(self.0 + Vec3::new(i[0] as f64, i[1] as f64, i[2] as f64) * step)
+    }
+}
+
+impl<const D: usize> Point for CellPoint<D> {
+    type Region = CellBox<D>;
+    type Vector = SVector<f64, D>;
+    fn stepped(self, step: f64, i: [usize; 3]) -> Self {
+        Self(self.0 + SVector::from_fn(|a, _| i[a] as f64 * step))
+    }
+}
+
+/// A lattice of sample points `origin + step (i, j, k)`, `0 <= (i, j, k) < counts`.
+#[derive(Clone, Copy, Debug)]
+pub struct SampleLattice<P> {
+    /// The first sample.
+    pub origin: P,
+    /// Distance of neighbouring samples, in the frame's unit.
+    pub step: f64,
+    /// Samples per axis.
+    pub counts: [usize; 3],
+}
+
+impl<P: Point> SampleLattice<P> {
+    /// Number of samples.
+    pub fn len(&self) -> usize {
+        self.counts.iter().product()
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Sample number `n` in storage order (z fastest).
+    pub fn point(&self, n: usize) -> P {
+        let [_, ny, nz] = self.counts;
+        self.origin
+            .stepped(self.step, [n / (ny * nz), n / nz % ny, n % nz])
+    }
+}
+
+impl SampleLattice<WorldPoint> {
+    /// The box that the samples span.
+    pub fn span(&self) -> Aabb {
+        let last = self.counts.map(|c| c.saturating_sub(1));
+        Aabb {
+            min: self.origin.0,
+            max: self.origin.stepped(self.step, last).0,
+        }
+    }
+}
+
+/// A real function on one frame, negative inside.
+pub trait Field: Send + Sync {
+    /// The frame it lives in.
+    type Point: Point;
+
+    /// Value at a point.
+    fn value(&self, p: Self::Point) -> f64;
+
+    /// Value and gradient at a point; where the field has a kink, the gradient of one side.
+    fn value_and_gradient(&self, p: Self::Point) -> (f64, <Self::Point as Point>::Vector);
+
+    /// An interval that contains every value in the closed region.
+    fn bound(&self, region: &<Self::Point as Point>::Region) -> Interval;
+
+    /// Values on a lattice of samples, into `out` of length `lattice.len()`.
+    fn fill(&self, lattice: &SampleLattice<Self::Point>, out: &mut [f32]) {
+        for (n, v) in out.iter_mut().enumerate() {
+            *v = self.value(lattice.point(n)) as f32;
+        }
+    }
+}
+
+/// A field in world space, as the band sees it.
+pub type WorldField<'a> = dyn Field<Point = WorldPoint> + 'a;

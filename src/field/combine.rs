@@ -1,0 +1,117 @@
+//! Boolean combinations of world fields: minimum, maximum, negation.
+
+use super::{Field, Interval, SampleLattice, WorldField};
+use crate::frame::{Aabb, Vec3, WorldPoint};
+
+/// The common part of solids: the greatest value. With no operand, all of space.
+pub struct Intersection<'a>(pub Vec<Box<WorldField<'a>>>);
+/// All solids together: the least value. With no operand, nothing.
+pub struct Union<'a>(pub Vec<Box<WorldField<'a>>>);
+/// What a solid leaves out: the negated value.
+pub struct Complement<'a>(pub Box<WorldField<'a>>);
+
+/// The extreme of several fields; `S` is +1 for the maximum, -1 for the minimum.
+fn extreme<const S: i8>(fields: &[Box<WorldField>], p: WorldPoint) -> (f64, Vec3) {
+    let s = f64::from(S);
+    let mut best = (f64::NEG_INFINITY * s, Vec3::zeros());
+    for f in fields {
+        let v = f.value_and_gradient(p);
+        if v.0 * s > best.0 * s {
+            best = v;
+        }
+    }
+    best
+}
+
+/// Fills with the extreme of the fields that can attain it somewhere in the lattice's box.
+fn fill_extreme<const S: i8>(
+    fields: &[Box<WorldField>],
+    lattice: &SampleLattice<WorldPoint>,
+    out: &mut [f32],
+) {
+    let span = lattice.span();
+    let bounds: Vec<Interval> = fields.iter().map(|f| f.bound(&span)).collect();
+    // A field that stays on the losing side of another everywhere in the box cannot be the extreme.
+    let floor = if S > 0 {
+        bounds.iter().fold(f64::NEG_INFINITY, |m, b| m.max(b.lo))
+    } else {
+        bounds.iter().fold(f64::INFINITY, |m, b| m.min(b.hi))
+    };
+    out.fill(f32::NEG_INFINITY * f32::from(S));
+    let mut scratch = vec![0f32; out.len()];
+    for (f, b) in fields.iter().zip(&bounds) {
+        let loses = if S > 0 { b.hi < floor } else { b.lo > floor };
+        if loses {
+            continue;
+        }
+        f.fill(lattice, &mut scratch);
+        for (o, &v) in out.iter_mut().zip(&scratch) {
+            *o = if S > 0 { o.max(v) } else { o.min(v) };
+        }
+    }
+}
+
+impl Field for Intersection<'_> {
+    type Point = WorldPoint;
+    fn value(&self, p: WorldPoint) -> f64 {
+        self.0
+            .iter()
+            .map(|f| f.value(p))
+            .fold(f64::NEG_INFINITY, f64::max)
+    }
+    fn value_and_gradient(&self, p: WorldPoint) -> (f64, Vec3) {
+        extreme::<1>(&self.0, p)
+    }
+    fn bound(&self, region: &Aabb) -> Interval {
+        let start = Interval::new(f64::NEG_INFINITY, f64::NEG_INFINITY);
+        self.0
+            .iter()
+            .map(|f| f.bound(region))
+            .fold(start, |a, b| Interval::new(a.lo.max(b.lo), a.hi.max(b.hi)))
+    }
+    fn fill(&self, lattice: &SampleLattice<WorldPoint>, out: &mut [f32]) {
+        fill_extreme::<1>(&self.0, lattice, out);
+    }
+}
+
+impl Field for Union<'_> {
+    type Point = WorldPoint;
+    fn value(&self, p: WorldPoint) -> f64 {
+        self.0
+            .iter()
+            .map(|f| f.value(p))
+            .fold(f64::INFINITY, f64::min)
+    }
+    fn value_and_gradient(&self, p: WorldPoint) -> (f64, Vec3) {
+        extreme::<-1>(&self.0, p)
+    }
+    fn bound(&self, region: &Aabb) -> Interval {
+        let start = Interval::new(f64::INFINITY, f64::INFINITY);
+        self.0
+            .iter()
+            .map(|f| f.bound(region))
+            .fold(start, |a, b| Interval::new(a.lo.min(b.lo), a.hi.min(b.hi)))
+    }
+    fn fill(&self, lattice: &SampleLattice<WorldPoint>, out: &mut [f32]) {
+        fill_extreme::<-1>(&self.0, lattice, out);
+    }
+}
+
+impl Field for Complement<'_> {
+    type Point = WorldPoint;
+    fn value(&self, p: WorldPoint) -> f64 {
+        -self.0.value(p)
+    }
+    fn value_and_gradient(&self, p: WorldPoint) -> (f64, Vec3) {
+        let (v, g) = self.0.value_and_gradient(p);
+        (-v, -g)
+    }
+    fn bound(&self, region: &Aabb) -> Interval {
+        let b = self.0.bound(region);
+        Interval::new(-b.hi, -b.lo)
+    }
+    fn fill(&self, lattice: &SampleLattice<WorldPoint>, out: &mut [f32]) {
+        self.0.fill(lattice, out);
+        out.iter_mut().for_each(|v| *v = -*v);
+    }
+}

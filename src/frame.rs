@@ -1,0 +1,222 @@
+//! Frames: the coordinate systems of Druse, and every change of frame that is not an element's map.
+//!
+//! | frame | type | unit | origin |
+//! |---|---|---|---|
+//! | cell | [`CellPoint`] | none (hex edge 1, tet edge sqrt 2) | centroid of the reference element |
+//! | lattice | [`LatticePoint`] | lattice vectors of the cell | the same point |
+//! | world | [`WorldPoint`] | the recipe's unit | the user's |
+//! | index | [`Coord`] | voxels | world origin; sample (i, j, k) sits at world `i h`, the voxel's centre |
+//!
+//! A field lives in exactly one frame, so that mixing two does not compile.
+//!
+//! ```
+//! use druse::frame::{Coord, Transform};
+//! let t = Transform::new(0.5).unwrap();
+//! assert_eq!(t.world(Coord::new(2, 0, -4)).0.as_slice(), [1.0, 0.0, -2.0]);
+//! ```
+
+use nalgebra::{SVector, Vector3};
+use std::ops::Index;
+
+mod reference;
+mod unit;
+pub use reference::{Element, Face};
+pub use unit::{LengthUnit, UnknownUnit};
+
+/// A vector of three Cartesian components; its frame is that of the point it is added to.
+pub type Vec3 = Vector3<f64>;
+/// A 3x3 matrix acting on [`Vec3`].
+pub type Mat3 = nalgebra::Matrix3<f64>;
+
+/// Cartesian reference coordinates of an element (mathematics: x in R^d, origin at the centroid).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CellPoint<const D: usize>(pub SVector<f64, D>);
+
+/// Coordinates u on a cell's lattice L, with x = L u.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LatticePoint<const D: usize>(pub SVector<f64, D>);
+
+/// A point of the part, in the recipe's unit.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct WorldPoint(pub Vec3);
+
+/// A voxel index; ordered lexicographically by (x, y, z).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct Coord(pub [i32; 3]);
+
+impl Coord {
+    /// The voxel (x, y, z).
+    pub const fn new(x: i32, y: i32, z: i32) -> Self {
+        Self([x, y, z])
+    }
+
+    /// The origin of the aligned cube of `edge` voxels (a power of two) that holds this voxel.
+    #[must_use]
+    pub fn aligned(self, edge: i32) -> Self {
+        Self(self.0.map(|c| c & !(edge - 1)))
+    }
+
+    /// This voxel moved by (x, y, z).
+    #[must_use]
+    pub fn offset(self, x: i32, y: i32, z: i32) -> Self {
+        Self([self.0[0] + x, self.0[1] + y, self.0[2] + z])
+    }
+}
+
+impl Index<usize> for Coord {
+    type Output = i32;
+    fn index(&self, axis: usize) -> &i32 {
+        &self.0[axis]
+    }
+}
+
+/// Index space to world space: a uniform scale by the voxel size, no rotation, no translation.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Transform {
+    voxel_size: f64,
+}
+
+impl Transform {
+    /// A transform with this voxel size in world units; `None` unless it is positive and finite.
+    pub fn new(voxel_size: f64) -> Option<Self> {
+        (voxel_size.is_finite() && voxel_size > 0.0).then_some(Self { voxel_size })
+    }
+
+    /// Edge of a voxel in world units.
+    pub fn voxel_size(self) -> f64 {
+        self.voxel_size
+    }
+
+    /// The centre of a voxel.
+    pub fn world(self, voxel: Coord) -> WorldPoint {
+        WorldPoint(Vec3::from(voxel.0.map(|c| f64::from(c) * self.voxel_size)))
+    }
+
+    /// The box spanned by the sample points of a cube of `edge` voxels that starts at `origin`.
+    pub fn sample_box(self, origin: Coord, edge: i32) -> Aabb {
+        let last = origin.offset(edge - 1, edge - 1, edge - 1);
+        Aabb {
+            min: self.world(origin).0,
+            max: self.world(last).0,
+        }
+    }
+}
+
+/// An axis-aligned box in world space; empty where `min > max` on an axis.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Aabb {
+    /// Least corner, world units.
+    pub min: Vec3,
+    /// Greatest corner, world units.
+    pub max: Vec3,
+}
+
+impl Aabb {
+    /// The box that holds nothing; the neutral element of [`Aabb::union`].
+    pub const EMPTY: Self = Self {
+        min: Vec3::new(f64::INFINITY, f64::INFINITY, f64::INFINITY),
+        max: Vec3::new(f64::NEG_INFINITY, f64::NEG_INFINITY, f64::NEG_INFINITY),
+    };
+
+    /// The smallest box around points.
+    pub fn of(points: impl IntoIterator<Item = Vec3>) -> Self {
+        points.into_iter().fold(Self::EMPTY, |b, p| Self {
+            min: b.min.inf(&p),
+            max: b.max.sup(&p),
+        })
+    }
+
+    /// The smallest box around both.
+    #[must_use]
+    pub fn union(self, other: Self) -> Self {
+        Self {
+            min: self.min.inf(&other.min),
+            max: self.max.sup(&other.max),
+        }
+    }
+
+    /// The common part, empty if there is none.
+    #[must_use]
+    pub fn intersection(self, other: Self) -> Self {
+        Self {
+            min: self.min.sup(&other.min),
+            max: self.max.inf(&other.max),
+        }
+    }
+
+    /// This box grown by `margin` world units on every side.
+    #[must_use]
+    pub fn dilated(self, margin: f64) -> Self {
+        Self {
+            min: self.min.add_scalar(-margin),
+            max: self.max.add_scalar(margin),
+        }
+    }
+
+    /// Whether no point is inside.
+    pub fn is_empty(self) -> bool {
+        (0..3).any(|a| self.min[a] > self.max[a])
+    }
+
+    /// Whether the closed boxes share a point.
+    pub fn meets(self, other: Self) -> bool {
+        !self.intersection(other).is_empty()
+    }
+
+    /// Whether the closed box holds the point.
+    pub fn contains(self, p: WorldPoint) -> bool {
+        (0..3).all(|a| self.min[a] <= p.0[a] && p.0[a] <= self.max[a])
+    }
+
+    /// Centre of the box.
+    pub fn centre(self) -> WorldPoint {
+        WorldPoint((self.min + self.max) / 2.0)
+    }
+
+    /// Edge lengths.
+    pub fn size(self) -> Vec3 {
+        self.max - self.min
+    }
+
+    /// Half the length of the space diagonal.
+    pub fn half_diagonal(self) -> f64 {
+        self.size().norm() / 2.0
+    }
+}
+
+/// An axis-aligned box in the cell frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CellBox<const D: usize> {
+    /// Least corner.
+    pub min: SVector<f64, D>,
+    /// Greatest corner.
+    pub max: SVector<f64, D>,
+}
+
+impl<const D: usize> CellBox<D> {
+    /// The smallest box around points; infinite and inverted if there are none.
+    pub fn of(points: impl IntoIterator<Item = CellPoint<D>>) -> Self {
+        let empty = Self {
+            min: SVector::repeat(f64::INFINITY),
+            max: SVector::repeat(f64::NEG_INFINITY),
+        };
+        points.into_iter().fold(empty, |b, p| Self {
+            min: b.min.inf(&p.0),
+            max: b.max.sup(&p.0),
+        })
+    }
+
+    /// The common part of two boxes; may be empty (`min > max` on an axis).
+    #[must_use]
+    pub fn intersection(self, other: Self) -> Self {
+        Self {
+            min: self.min.sup(&other.min),
+            max: self.max.inf(&other.max),
+        }
+    }
+
+    /// Whether no point is inside.
+    pub fn is_empty(self) -> bool {
+        (0..D).any(|a| self.min[a] > self.max[a])
+    }
+}

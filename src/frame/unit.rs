@@ -1,0 +1,86 @@
+//! Units of length: what a number in a file or on the command line means.
+
+use std::fmt;
+use std::str::FromStr;
+
+/// A unit of length.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+pub enum LengthUnit {
+    /// Micrometre.
+    Micrometre,
+    /// Millimetre: what CAD and meshes mean when they do not say.
+    #[default]
+    Millimetre,
+    /// Centimetre.
+    Centimetre,
+    /// Metre: what Houdini and Blender mean.
+    Metre,
+    /// Inch.
+    Inch,
+    /// Foot.
+    Foot,
+}
+
+/// Symbol, metres and 3MF name of each unit.
+const TABLE: [(LengthUnit, &str, f64, &str); 6] = [
+    (LengthUnit::Micrometre, "um", 1e-6, "micron"),
+    (LengthUnit::Millimetre, "mm", 1e-3, "millimeter"),
+    (LengthUnit::Centimetre, "cm", 1e-2, "centimeter"),
+    (LengthUnit::Metre, "m", 1.0, "meter"),
+    (LengthUnit::Inch, "in", 0.0254, "inch"),
+    (LengthUnit::Foot, "ft", 0.3048, "foot"),
+];
+
+/// A string that names no unit of length.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("unknown unit {0:?}; expected one of um, mm, cm, m, in, ft")]
+pub struct UnknownUnit(pub String);
+
+impl LengthUnit {
+    fn row(self) -> (LengthUnit, &'static str, f64, &'static str) {
+        TABLE[self as usize]
+    }
+
+    /// Its symbol, as in "0.2mm".
+    pub fn symbol(self) -> &'static str {
+        self.row().1
+    }
+
+    /// How many metres it is.
+    pub fn metres(self) -> f64 {
+        self.row().2
+    }
+
+    /// Its name in a 3MF model.
+    pub fn name_3mf(self) -> &'static str {
+        self.row().3
+    }
+
+    /// The factor that turns a number in this unit into one in `other`.
+    ///
+    /// ```
+    /// use druse::frame::LengthUnit;
+    /// assert_eq!(60.0 * LengthUnit::Millimetre.to(LengthUnit::Metre), 0.06);
+    /// ```
+    pub fn to(self, other: Self) -> f64 {
+        // Powers of ten divide exactly in this order: 1e-3 / 1.0, 1.0 / 1e-3.
+        self.metres() / other.metres()
+    }
+}
+
+impl fmt::Display for LengthUnit {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.symbol())
+    }
+}
+
+impl FromStr for LengthUnit {
+    type Err = UnknownUnit;
+    fn from_str(s: &str) -> Result<Self, UnknownUnit> {
+        TABLE
+            .iter()
+            .find(|row| row.1 == s || row.3 == s)
+            .map(|row| row.0)
+            .ok_or_else(|| UnknownUnit(s.to_owned()))
+    }
+}

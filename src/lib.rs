@@ -1,0 +1,38 @@
+//! Druse turns a unit cell and a scaffold into a narrow-band level set.
+//!
+//! A tour, in order of use: [`symmetry`] (point groups as integer matrices), [`cell`] (a symmetric
+//! Fourier series fitted to geometry), [`scaffold`] (an unstructured mesh with its element maps),
+//! [`tiling`] (cell over scaffold: a field in world space), [`band`] (which 8^3 leaves matter, and
+//! their values), [`vdb`] (level sets in OpenVDB), [`recipe`] and [`pipeline`] (one document from
+//! sources to files). [`frame`], [`field`] and [`mesh`] are what all of them stand on; [`io`] reads
+//! and writes.
+//!
+//! # Conventions
+//! | what | convention |
+//! |---|---|
+//! | sign | phi < 0 inside the solid, always |
+//! | distance | world units in code, voxels only where a name says so |
+//! | frames | cell, lattice, world, index: see [`frame`]; a type each |
+//! | axis order | (x, y, z); arrays of samples have z fastest |
+//! | winding | triangles counter-clockwise seen from outside |
+//! | elements | nodes in VTK order; other orders are converted on reading |
+//! | offsets | `shift` changes a field by a constant; `dilate`, `erode` move the surface by a distance |
+
+pub mod band;
+pub mod cell;
+#[cfg(feature = "cli")]
+#[cfg(feature = "vdb")]
+pub mod cli;
+pub mod field;
+pub mod frame;
+pub mod io;
+pub mod mesh;
+#[cfg(feature = "vdb")]
+pub mod pipeline;
+pub mod progress;
+pub mod recipe;
+pub mod scaffold;
+pub mod symmetry;
+pub mod tiling;
+#[cfg(feature = "vdb")]
+pub mod vdb;

@@ -1,0 +1,3 @@
+//! The `druse` program: parse, run, exit code.
+
+fn main() {}

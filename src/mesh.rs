@@ -1,0 +1,1 @@
+//! Triangle meshes: measures, checks, winding number, signed distance.

@@ -1,0 +1,1 @@
+//! From a recipe to files: the only module that knows all stages.

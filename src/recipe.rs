@@ -1,0 +1,1 @@
+//! The recipe: one TOML document from sources to files.

@@ -1,0 +1,1 @@
+//! Scaffolds: unstructured meshes of solid elements, with their maps.

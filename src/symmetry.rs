@@ -1,0 +1,1 @@
+//! Point groups as integer matrices on a lattice, and the orbits of frequencies.

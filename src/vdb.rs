@@ -1,0 +1,1 @@
+//! Level sets in OpenVDB behind a safe interface.

@@ -1,0 +1,20 @@
+//! All laws and oracles, in one binary; modules are named after those of `src`.
+
+mod band;
+mod cell;
+mod house;
+mod io;
+mod malformed;
+mod mesh;
+mod recipe;
+mod scaffold;
+mod strategy;
+mod symmetry;
+mod tiling;
+
+#[cfg(feature = "vdb")]
+mod cli;
+#[cfg(feature = "vdb")]
+mod pipeline;
+#[cfg(feature = "vdb")]
+mod vdb;

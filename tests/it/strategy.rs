@@ -1,0 +1,1 @@
+//! Proptest strategies that several modules share.
