@@ -2,6 +2,7 @@
 
 mod band;
 mod cell;
+mod field;
 mod house;
 mod io;
 mod malformed;
