@@ -1,1 +1,104 @@
 //! The narrow band: which 8^3 leaves can meet it, and their values.
+//!
+//! The samples of a world field on the voxel lattice that lie within `w`, the half width, of its
+//! zero set, grouped into leaves of 8^3 as OpenVDB stores them. A leaf is visited only where
+//! [`Field::bound`](crate::field::Field::bound) cannot exclude it: aligned cubes of 128, 64, 32, 16
+//! and 8 voxels are halved as long as their bound, taken over the cube's samples and one layer around
+//! them, meets `(-w, w)`. Blocks of 128^3 are evaluated in parallel and handed to a [`LeafSink`].
+//!
+//! - A voxel is **active** if `|d| < w`, or if one of its 26 neighbours has the other sign (a field
+//!   that is not quite a distance can step over the band; the surface must not tear there). Active
+//!   values are clamped to `[-w, w]`, inactive ones are exactly `-w` or `w`.
+//! - A leaf is **kept** if it has an active voxel; kept leaves of a block come sorted by origin.
+//! - Zero counts as outside: inside is `d < 0`.
+//! - Nothing depends on the number of threads or on the order in which blocks are finished.
+//!
+//! ```
+//! use druse::band::{self, Statistics};
+//! use druse::field::Sphere;
+//! use druse::frame::{Aabb, Transform, Vec3};
+//! use druse::progress::{Silent, Threads};
+//!
+//! let ball = Sphere { centre: Vec3::zeros(), radius: 10.0 };
+//! let extent = Aabb { min: Vec3::repeat(-10.0), max: Vec3::repeat(10.0) };
+//! let sink = Statistics::default();
+//! let h = Transform::new(1.0).unwrap();
+//! let threads = Threads::new(1).unwrap();
+//! let stats = band::evaluate(&ball, h, 3.0, &extent, &threads, &Silent, &sink).unwrap();
+//! // A shell of 6 voxels around the sphere: 4 pi (r^2 + w^2 / 3) 2 w.
+//! let shell = 4.0 * std::f64::consts::PI * (100.0 + 3.0) * 6.0;
+//! assert!((stats.active_voxels as f64 / shell - 1.0).abs() < 0.02);
+//! assert_eq!(stats.active_voxels, sink.totals().active_voxels);
+//! ```
+
+use crate::frame::{Aabb, Coord, WorldPoint};
+use crate::progress::Cancelled;
+
+mod activate;
+mod cull;
+mod estimate;
+mod evaluate;
+mod leaf;
+mod sinks;
+
+pub use estimate::{Estimate, Sampling, estimate};
+pub use evaluate::evaluate;
+pub use leaf::{BLOCK, LEAF, LeafBatch, LeafSink, SinkError, VOXELS};
+pub use sinks::{Leaf, LeafMap, Statistics, Totals};
+
+/// What an evaluation visited and kept.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct BandStats {
+    /// Blocks of 128^3 that the bound could not exclude.
+    pub blocks: u64,
+    /// Leaves that were evaluated.
+    pub leaves_touched: u64,
+    /// Leaves that have an active voxel and went to the sink.
+    pub leaves_kept: u64,
+    /// Samples of the field taken, those in the layers between blocks included.
+    pub voxels_evaluated: u64,
+    /// Active voxels.
+    pub active_voxels: u64,
+}
+
+impl std::ops::AddAssign for BandStats {
+    fn add_assign(&mut self, o: Self) {
+        self.blocks += o.blocks;
+        self.leaves_touched += o.leaves_touched;
+        self.leaves_kept += o.leaves_kept;
+        self.voxels_evaluated += o.voxels_evaluated;
+        self.active_voxels += o.active_voxels;
+    }
+}
+
+/// Why a band could not be evaluated.
+#[derive(Debug, thiserror::Error)]
+pub enum BandError {
+    /// The half width is not a usable number of voxels.
+    #[error("half width of the band is {0} voxels; expected a finite number of at least 1")]
+    HalfWidth(f64),
+    /// The extent is empty, not finite, or beyond the range of voxel indices.
+    #[error("extent {min:?} to {max:?} at voxel size {voxel_size} spans no voxels that can be numbered in 31 bits", min = .extent.min.as_slice(), max = .extent.max.as_slice())]
+    Extent {
+        /// The extent as given, world units.
+        extent: Aabb,
+        /// Voxel size, world units.
+        voxel_size: f64,
+    },
+    /// The field returned NaN or infinity.
+    #[error("the field is {value} at {place:?}, voxel {voxel:?}; expected a finite number", place = .place.0.as_slice(), voxel = .voxel.0)]
+    NotFinite {
+        /// What it returned.
+        value: f32,
+        /// Where, in index space.
+        voxel: Coord,
+        /// Where, in world units.
+        place: WorldPoint,
+    },
+    /// The user asked to stop.
+    #[error(transparent)]
+    Cancelled(#[from] Cancelled),
+    /// The sink failed.
+    #[error(transparent)]
+    Sink(#[from] SinkError),
+}

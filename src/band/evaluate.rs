@@ -1,0 +1,266 @@
+//! Evaluation by blocks.
+
+use super::activate::{Neighbourhood, SPAN, bits, negative_bits};
+use super::cull::Culler;
+use super::leaf::count;
+use super::{BLOCK, BandError, BandStats, LEAF, LeafBatch, LeafSink, VOXELS};
+use crate::field::{SampleLattice, WorldField};
+use crate::frame::{Aabb, Coord, Transform};
+use crate::progress::{Cancelled, Progress, Threads};
+use rayon::prelude::*;
+
+/// Leaves evaluated between two looks at whether the user asked to stop.
+const GROUP: usize = 16;
+/// Most leaves in a batch.
+const BATCH: usize = 256;
+/// Leaves along a block's edge.
+const EDGE: i32 = BLOCK / LEAF;
+/// A leaf that was not evaluated, in a block's table.
+const ABSENT: u16 = u16::MAX;
+
+/// Evaluates the narrow band of a field and hands its leaves to a sink.
+///
+/// `half_width` is in voxels. Visited are the voxels within the half width and one voxel of `extent`
+/// (world units), rounded outwards to leaves; what the field is beyond does not show. The
+/// field must return signed distances in world units where they are smaller than the half width,
+/// elsewhere only the right sign and at least the half width.
+///
+/// # Errors
+/// A half width or extent out of range, a value that is not finite, cancelling, the sink's error.
+pub fn evaluate(
+    field: &WorldField,
+    transform: Transform,
+    half_width: f64,
+    extent: &Aabb,
+    threads: &Threads,
+    progress: &dyn Progress,
+    sink: &dyn LeafSink,
+) -> Result<BandStats, BandError> {
+    let culler = Culler::new(field, transform, half_width, extent)?;
+    threads.install(|| {
+        let blocks = culler.blocks();
+        progress.stage("band", Some(blocks.len() as u64));
+        blocks
+            .par_iter()
+            .map(|&origin| {
+                let stats = block(&culler, origin, progress, sink)?;
+                progress.advance(1);
+                Ok(stats)
+            })
+            .try_reduce(BandStats::default, |mut a, b| {
+                a += b;
+                Ok(a)
+            })
+    })
+}
+
+/// One block: cull, evaluate, activate, deliver.
+fn block(
+    culler: &Culler,
+    origin: Coord,
+    progress: &dyn Progress,
+    sink: &dyn LeafSink,
+) -> Result<BandStats, BandError> {
+    if progress.cancelled() {
+        return Err(Cancelled.into());
+    }
+    let samples = BlockSamples::take(culler, origin, progress)?;
+    let mut stats = BandStats {
+        blocks: 1,
+        leaves_touched: samples.origins.len() as u64,
+        voxels_evaluated: (samples.origins.len() * VOXELS) as u64,
+        ..BandStats::default()
+    };
+    for first in (0..samples.origins.len()).step_by(BATCH) {
+        if progress.cancelled() {
+            return Err(Cancelled.into());
+        }
+        let range = first..samples.origins.len().min(first + BATCH);
+        let masks: Vec<_> = range
+            .clone()
+            .into_par_iter()
+            .map(|n| samples.activate(culler, n))
+            .collect();
+        let mut batch = LeafBatch::with_capacity(masks.len());
+        for (n, (mask, extra)) in range.zip(masks) {
+            stats.voxels_evaluated += extra;
+            if mask == [0; 8] {
+                continue;
+            }
+            let mut values = samples.values[n];
+            finish(&mut values, &mask, culler.background as f32);
+            stats.leaves_kept += 1;
+            stats.active_voxels += count(&mask);
+            batch.push(samples.origins[n], mask, &values);
+        }
+        if !batch.is_empty() {
+            sink.block(origin, batch)?;
+        }
+    }
+    Ok(stats)
+}
+
+/// Clamps active values to the band and sets inactive ones to plus or minus the background.
+fn finish(values: &mut [f32; VOXELS], mask: &[u64; 8], background: f32) {
+    for (n, v) in values.iter_mut().enumerate() {
+        let active = mask[n >> 6] >> (n & 63) & 1 == 1;
+        *v = match (active, *v < 0.0) {
+            (true, _) => v.clamp(-background, background),
+            (false, true) => -background,
+            (false, false) => background,
+        };
+    }
+}
+
+/// The values of one leaf.
+///
+/// # Errors
+/// A value that is not finite.
+pub(super) fn leaf_values(culler: &Culler, origin: Coord) -> Result<[f32; VOXELS], BandError> {
+    let mut values = [0.0; VOXELS];
+    let lattice = SampleLattice {
+        origin: culler.transform.world(origin),
+        step: culler.transform.voxel_size(),
+        counts: [LEAF as usize; 3],
+    };
+    culler.field.fill(&lattice, &mut values);
+    match values.iter().position(|v| !v.is_finite()) {
+        None => Ok(values),
+        Some(n) => {
+            let voxel = origin.offset((n >> 6) as i32, (n >> 3 & 7) as i32, (n & 7) as i32);
+            Err(BandError::NotFinite {
+                value: values[n],
+                voxel,
+                place: culler.transform.world(voxel),
+            })
+        }
+    }
+}
+
+/// All evaluated leaves of a block.
+struct BlockSamples {
+    origin: Coord,
+    origins: Vec<Coord>,
+    values: Vec<[f32; VOXELS]>,
+    negative: Vec<[u64; 8]>,
+    /// Number of the leaf at each of the 16^3 places, z fastest.
+    table: Vec<u16>,
+}
+
+impl BlockSamples {
+    fn take(culler: &Culler, origin: Coord, progress: &dyn Progress) -> Result<Self, BandError> {
+        let origins = culler.leaves(origin, BLOCK);
+        let groups: Vec<Vec<_>> = origins
+            .par_chunks(GROUP)
+            .map(|group| {
+                if progress.cancelled() {
+                    return Err(Cancelled.into());
+                }
+                group
+                    .iter()
+                    .map(|&leaf| leaf_values(culler, leaf))
+                    .collect()
+            })
+            .collect::<Result<_, BandError>>()?;
+        let values: Vec<_> = groups.into_iter().flatten().collect();
+        let negative = values.iter().map(negative_bits).collect();
+        let mut samples = Self {
+            origin,
+            table: vec![ABSENT; (EDGE * EDGE * EDGE) as usize],
+            origins,
+            values,
+            negative,
+        };
+        for n in 0..samples.origins.len() {
+            if let Some(place) = samples.place(samples.origins[n]) {
+                samples.table[place] = n as u16;
+            }
+        }
+        Ok(samples)
+    }
+
+    /// Where a leaf stands in the table; `None` outside the block.
+    fn place(&self, leaf: Coord) -> Option<usize> {
+        (leaf.aligned(BLOCK) == self.origin).then(|| {
+            (0..3).fold(0, |n, a| {
+                n * EDGE as usize + ((leaf[a] - self.origin[a]) / LEAF) as usize
+            })
+        })
+    }
+
+    /// The mask of a leaf's active voxels, and how many samples beyond the block it took to find it.
+    fn activate(&self, culler: &Culler, n: usize) -> ([u64; 8], u64) {
+        let leaf = self.origins[n];
+        let mut near = Neighbourhood::default();
+        for d in 0..27usize {
+            let direction = [d / 9, d / 3 % 3, d % 3];
+            let [x, y, z] = direction.map(|i| (i as i32 - 1) * LEAF);
+            if let Some(place) = self.place(leaf.offset(x, y, z)) {
+                if let Some(negative) = self.negative.get(self.table[place] as usize) {
+                    near.enter_leaf(direction, negative);
+                }
+            }
+        }
+        let mut taken = 0;
+        for axis in 0..3 {
+            for (at_end, outside) in [
+                (leaf[axis] == self.origin[axis], -1),
+                (leaf[axis] + LEAF == self.origin[axis] + BLOCK, LEAF),
+            ] {
+                if at_end {
+                    taken += enter_layer(culler, leaf, axis, outside, &mut near);
+                }
+            }
+        }
+        let background = culler.background as f32;
+        let mut mask = bits(&self.values[n], |v| v.abs() < background);
+        for (word, changed) in mask.iter_mut().zip(near.next_to_change()) {
+            *word |= changed;
+        }
+        (mask, taken)
+    }
+}
+
+/// Enters the signs of the layer of samples at index `outside` (-1 or 8) of `axis`, which lies in
+/// another block; returns how many samples it took. None if the bound shows one sign throughout.
+fn enter_layer(
+    culler: &Culler,
+    leaf: Coord,
+    axis: usize,
+    outside: i32,
+    near: &mut Neighbourhood,
+) -> u64 {
+    let h = culler.transform.voxel_size();
+    let corner = |along: i32, across: i32| {
+        let mut c = leaf.offset(across, across, across);
+        c.0[axis] = leaf[axis] + along;
+        culler.transform.world(c).0
+    };
+    let region = Aabb {
+        min: corner(outside.min(LEAF - 1), -1),
+        max: corner(outside.max(0), LEAF),
+    };
+    let bound = culler.field.bound(&region);
+    if bound.lo > 0.0 || bound.hi < 0.0 {
+        return 0;
+    }
+    let mut counts = [SPAN; 3];
+    counts[axis] = 1;
+    let lattice = SampleLattice {
+        origin: crate::frame::WorldPoint(corner(outside, -1)),
+        step: h,
+        counts,
+    };
+    let mut values = [0.0; SPAN * SPAN];
+    culler.field.fill(&lattice, &mut values);
+    for (n, &v) in values.iter().enumerate() {
+        let mut i = [
+            n / (counts[1] * counts[2]),
+            n / counts[2] % counts[1],
+            n % counts[2],
+        ];
+        i[axis] = (outside + 1) as usize;
+        near.enter_sample(i, v < 0.0);
+    }
+    values.len() as u64
+}
