@@ -1,1 +1,20 @@
-//! Reading and writing files, one format a file.
+//! Reading and writing files, one format a file; outputs appear atomically.
+//!
+//! Readers take a path and give the object plus what the file says about itself. Every failure is one
+//! [`ReadError`]: it names the file and the place, says what was found and what was expected, and often
+//! what to do. Counts claimed by a header are checked against the file's size before memory is asked
+//! for. Writers stream into any [`std::io::Write`]; [`atomic`] puts the finished file under its name.
+//!
+//! ```
+//! use druse::io::{ErrorClass, Place, ReadError};
+//! let e = ReadError::data("part.ply", Place::Line(7), "\"abc\"", "a number");
+//! assert_eq!(e.to_string(), "part.ply: line 7: found \"abc\"; expected a number");
+//! assert_eq!(e.class().exit_code(), 65);
+//! ```
+
+pub mod atomic;
+mod error;
+mod source;
+
+pub use error::{ErrorClass, Place, ReadError, WriteError};
+pub use source::{Source, quote};

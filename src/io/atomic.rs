@@ -1,0 +1,344 @@
+//! Outputs that appear whole or not at all.
+//!
+//! A new file is written under a hidden temporary name in the directory of its target (symbolic
+//! links resolved first), synced, renamed over the target, and the directory synced. Dropping it
+//! before [`AtomicFile::commit`] removes it, so an error or a cancelled run leaves nothing. A target
+//! that exists and is not a regular file (a pipe, `/dev/stdout`, a device) is written directly, with
+//! every error checked, or refused where the format must seek.
+//!
+//! ```
+//! use std::io::Write;
+//! let directory = tempfile::tempdir().unwrap();
+//! let path = directory.path().join("note.txt");
+//! let mut file = druse::io::atomic::AtomicFile::create(&path).unwrap();
+//! file.write_all(b"whole").unwrap();
+//! assert!(!path.exists());
+//! assert_eq!(file.commit().unwrap(), 5);
+//! assert_eq!(std::fs::read(&path).unwrap(), b"whole");
+//! ```
+
+use super::WriteError;
+use std::fs::{self, File, OpenOptions, Permissions};
+use std::io::{self, BufWriter, Seek, SeekFrom, Write};
+use std::os::unix::fs::PermissionsExt;
+use std::path::{Path, PathBuf};
+use tempfile::{NamedTempFile, TempPath};
+
+/// Where the bytes go until the file is committed.
+enum Sink {
+    Staged(BufWriter<NamedTempFile>, PathBuf),
+    Direct(BufWriter<File>),
+}
+
+/// A file being written by Rust code; use it as a [`Write`] (and [`Seek`]), then commit.
+pub struct AtomicFile {
+    shown: PathBuf,
+    sink: Sink,
+    needed: Option<u64>,
+    written: u64,
+}
+
+impl AtomicFile {
+    /// Starts a file that will be written from first byte to last.
+    ///
+    /// # Errors
+    /// [`WriteError::Create`] when the directory is missing or not writable, or the target is a
+    /// directory.
+    pub fn create(path: impl AsRef<Path>) -> Result<Self, WriteError> {
+        let shown = path.as_ref().to_owned();
+        let sink = match Target::of(&shown)? {
+            Target::Regular(target) => {
+                let file = stage(&shown, &target)?;
+                Sink::Staged(BufWriter::with_capacity(1 << 18, file), target)
+            }
+            Target::Special => {
+                let file = OpenOptions::new().write(true).open(&shown);
+                let file = file.map_err(|e| refused(&shown, e.to_string()))?;
+                Sink::Direct(BufWriter::with_capacity(1 << 18, file))
+            }
+        };
+        Ok(Self {
+            shown,
+            sink,
+            needed: None,
+            written: 0,
+        })
+    }
+
+    /// Starts a file whose format must seek.
+    ///
+    /// # Errors
+    /// As [`AtomicFile::create`], and when the target is not a regular file.
+    pub fn create_seekable(path: impl AsRef<Path>) -> Result<Self, WriteError> {
+        let file = Self::create(path)?;
+        match file.sink {
+            Sink::Staged(..) => Ok(file),
+            Sink::Direct(_) => Err(not_seekable(&file.shown)),
+        }
+    }
+
+    /// States how many bytes the whole file will have, for the message when the disk is full.
+    #[must_use]
+    pub fn expecting(mut self, bytes: u64) -> Self {
+        self.needed = Some(bytes);
+        self
+    }
+
+    /// Turns an error met while writing into one that names the file and how far it came.
+    pub fn failed(&self, error: io::Error) -> WriteError {
+        WriteError::Io {
+            path: self.shown.clone(),
+            written: self.written,
+            needed: self.needed,
+            error,
+        }
+    }
+
+    /// Completes the file under its name; gives its size in bytes.
+    ///
+    /// # Errors
+    /// [`WriteError::Io`] when anything could not be written, synced or renamed.
+    pub fn commit(mut self) -> Result<u64, WriteError> {
+        self.flush().map_err(|e| self.failed(e))?;
+        let Self {
+            shown,
+            sink,
+            needed,
+            written,
+        } = self;
+        let failed = |error| WriteError::Io {
+            path: shown.clone(),
+            written,
+            needed,
+            error,
+        };
+        match sink {
+            Sink::Direct(file) => {
+                sync_special(file.get_ref()).map_err(failed)?;
+                Ok(written)
+            }
+            Sink::Staged(file, target) => {
+                let file = file.into_inner().map_err(|e| failed(e.into_error()))?;
+                file.as_file().sync_all().map_err(failed)?;
+                let size = file.as_file().metadata().map_err(failed)?.len();
+                file.persist(&target).map_err(|e| failed(e.error))?;
+                sync_directory(&target).map_err(failed)?;
+                Ok(size)
+            }
+        }
+    }
+}
+
+impl Write for AtomicFile {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let n = match &mut self.sink {
+            Sink::Staged(file, _) => file.write(bytes),
+            Sink::Direct(file) => file.write(bytes),
+        }?;
+        self.written += n as u64;
+        Ok(n)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        match &mut self.sink {
+            Sink::Staged(file, _) => file.flush(),
+            Sink::Direct(file) => file.flush(),
+        }
+    }
+}
+
+impl Seek for AtomicFile {
+    fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
+        match &mut self.sink {
+            Sink::Staged(file, _) => file.seek(to),
+            Sink::Direct(_) => Err(io::ErrorKind::NotSeekable.into()),
+        }
+    }
+}
+
+/// A temporary path that other code (the C++ side) writes, then commits.
+///
+/// The path keeps the target's extension; it exists, empty, from the start.
+pub struct StagedPath {
+    shown: PathBuf,
+    target: PathBuf,
+    path: TempPath,
+}
+
+impl StagedPath {
+    /// Reserves a temporary path beside the target.
+    ///
+    /// # Errors
+    /// [`WriteError::Create`] as for [`AtomicFile::create`], and when the target is not a regular
+    /// file: such code may seek.
+    pub fn create(path: impl AsRef<Path>) -> Result<Self, WriteError> {
+        let shown = path.as_ref().to_owned();
+        match Target::of(&shown)? {
+            Target::Special => Err(not_seekable(&shown)),
+            Target::Regular(target) => Ok(Self {
+                path: stage(&shown, &target)?.into_temp_path(),
+                shown,
+                target,
+            }),
+        }
+    }
+
+    /// Where to write.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Turns an error met while writing into one that names the file.
+    pub fn failed(&self, error: io::Error) -> WriteError {
+        WriteError::Io {
+            path: self.shown.clone(),
+            written: fs::metadata(&self.path).map_or(0, |m| m.len()),
+            needed: None,
+            error,
+        }
+    }
+
+    /// Syncs what was written and puts it under the target's name; gives its size in bytes.
+    ///
+    /// # Errors
+    /// [`WriteError::Io`] when syncing or renaming fails.
+    pub fn commit(self) -> Result<u64, WriteError> {
+        let synced = File::open(&self.path).and_then(|f| f.sync_all().and(f.metadata()));
+        let size = synced.map_err(|e| self.failed(e))?.len();
+        let Self {
+            shown,
+            target,
+            path,
+        } = self;
+        let failed = |error| WriteError::Io {
+            path: shown.clone(),
+            written: size,
+            needed: Some(size),
+            error,
+        };
+        path.persist(&target).map_err(|e| failed(e.error))?;
+        sync_directory(&target).map_err(failed)?;
+        Ok(size)
+    }
+}
+
+/// Writes a whole file atomically from bytes already in memory.
+///
+/// # Errors
+/// As [`AtomicFile::create`] and [`AtomicFile::commit`].
+pub fn write_bytes(path: impl AsRef<Path>, bytes: &[u8]) -> Result<u64, WriteError> {
+    let mut file = AtomicFile::create(path)?.expecting(bytes.len() as u64);
+    file.write_all(bytes).map_err(|e| file.failed(e))?;
+    file.commit()
+}
+
+/// What stands under the target's name.
+enum Target {
+    /// Nothing or a regular file, at this path free of symbolic links in its last part.
+    Regular(PathBuf),
+    /// A pipe, a terminal, a device.
+    Special,
+}
+
+impl Target {
+    fn of(shown: &Path) -> Result<Self, WriteError> {
+        match fs::metadata(shown) {
+            Ok(meta) if meta.is_dir() => Err(refused(shown, "it is a directory".into())),
+            Ok(meta) if !meta.is_file() => Ok(Self::Special),
+            Ok(_) => fs::canonicalize(shown)
+                .map(Self::Regular)
+                .map_err(|e| refused(shown, e.to_string())),
+            Err(e) if e.kind() == io::ErrorKind::NotFound => {
+                resolve_dangling(shown).map(Self::Regular)
+            }
+            Err(e) => Err(refused(shown, e.to_string())),
+        }
+    }
+}
+
+/// Follows symbolic links to a file that does not exist yet.
+fn resolve_dangling(shown: &Path) -> Result<PathBuf, WriteError> {
+    let mut path = shown.to_owned();
+    for _ in 0..40 {
+        match fs::read_link(&path) {
+            Ok(next) => path = path.parent().unwrap_or(Path::new("")).join(next),
+            Err(_) => return Ok(path),
+        }
+    }
+    Err(refused(shown, "too many symbolic links".into()))
+}
+
+/// The directory a file lives in.
+fn directory_of(path: &Path) -> &Path {
+    match path.parent() {
+        Some(p) if !p.as_os_str().is_empty() => p,
+        _ => Path::new("."),
+    }
+}
+
+/// Creates the temporary file: `.NAME.XXXXXX.partial.EXT`, with the permissions that the target has
+/// or would get.
+fn stage(shown: &Path, target: &Path) -> Result<NamedTempFile, WriteError> {
+    let directory = directory_of(target);
+    let Some(name) = target.file_name().and_then(|n| n.to_str()) else {
+        return Err(refused(shown, "it has no readable file name".into()));
+    };
+    let stem: String = name.chars().take(64).collect();
+    let extension = target.extension().and_then(|e| e.to_str());
+    let suffix = extension.map_or_else(|| ".partial".into(), |e| format!(".partial.{e}"));
+    let file = tempfile::Builder::new()
+        .prefix(&format!(".{stem}."))
+        .suffix(&suffix)
+        .permissions(Permissions::from_mode(0o666))
+        .tempfile_in(directory)
+        .map_err(|e| {
+            let reason = if e.kind() == io::ErrorKind::NotFound {
+                format!("the directory {} does not exist", directory.display())
+            } else {
+                e.to_string()
+            };
+            refused(shown, reason)
+        })?;
+    if let Ok(meta) = fs::metadata(target) {
+        // Keep the mode of a file that is replaced; a file system without modes may refuse.
+        let _ = file.as_file().set_permissions(meta.permissions());
+    }
+    Ok(file)
+}
+
+fn refused(path: &Path, reason: String) -> WriteError {
+    WriteError::Create {
+        path: path.to_owned(),
+        reason,
+    }
+}
+
+fn not_seekable(path: &Path) -> WriteError {
+    refused(
+        path,
+        "it is not a regular file, and this format is not written from first byte to last".into(),
+    )
+}
+
+/// Makes a rename last; directories that cannot be synced (some network file systems) are let be.
+fn sync_directory(target: &Path) -> io::Result<()> {
+    match File::open(directory_of(target)).and_then(|d| d.sync_all()) {
+        Err(e) if e.kind() == io::ErrorKind::InvalidInput => Ok(()),
+        other => other,
+    }
+}
+
+/// Syncs what can be synced: pipes and terminals cannot.
+fn sync_special(file: &File) -> io::Result<()> {
+    match file.sync_all() {
+        Err(e)
+            if matches!(
+                e.kind(),
+                io::ErrorKind::InvalidInput | io::ErrorKind::Unsupported
+            ) =>
+        {
+            Ok(())
+        }
+        other => other,
+    }
+}
