@@ -112,6 +112,8 @@ impl Field for Complement<'_> {
     }
     fn fill(&self, lattice: &SampleLattice<WorldPoint>, out: &mut [f32]) {
         self.0.fill(lattice, out);
-        out.iter_mut().for_each(|v| *v = -*v);
+        for v in out {
+            *v = -*v;
+        }
     }
 }

@@ -42,7 +42,7 @@ pub fn assert_field_laws(field: &WorldField, region: &Aabb, tolerance: f64) {
             let at = |s: f64| field.value(WorldPoint(p.0 + Vec3::ith(axis, s * h)));
             let (ahead, behind) = ((at(1.0) - single) / h, (single - at(-1.0)) / h);
             if (ahead - behind).abs() < 1e-3 {
-                let central = (ahead + behind) / 2.0;
+                let central = f64::midpoint(ahead, behind);
                 assert!(
                     (central - gradient[axis]).abs() < 2e-3,
                     "gradient at {p:?}: {gradient:?} against {central}"
