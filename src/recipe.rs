@@ -1,1 +1,149 @@
 //! The recipe: one TOML document from sources to files.
+//!
+//! Sections stand in the order of the pipeline: `[cell.NAME]`, `[scaffold]`, `[tiling]`, `[band]`,
+//! `[[op]]`, `[[output]]`. Each is one struct whose fields are the keys; their documentation is that of
+//! the key, of the JSON schema and of the command line's flag. Unknown keys are errors that name the
+//! nearest known one; every error has its line, or the override it came from.
+//!
+//! Conventions: a length is a number in the recipe's unit or a string with its own ("0.2mm", "3vx");
+//! paths are relative to the recipe; arrays in override keys count from 0.
+//!
+//! ```
+//! use druse::recipe::Recipe;
+//! let text = "druse = 1\n[band]\nvoxel_size = 0.2\n[[op]]\nunion = { sphere = { radius = 5 } }\n";
+//! let recipe = Recipe::parse(text, &["band.voxel_size=0.1mm".into()]).unwrap();
+//! assert_eq!(recipe.scale().voxel_size, 0.1);
+//! let error = Recipe::parse("druse = 1\n[bnad]\n", &[]).unwrap_err();
+//! assert_eq!(error.hint.as_deref(), Some("did you mean \"band\"?"));
+//! ```
+
+use crate::frame::LengthUnit;
+use schemars::JsonSchema;
+use serde::Deserialize;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+mod brief;
+mod cell;
+mod check;
+mod error;
+mod file;
+mod op;
+mod output;
+mod quantity;
+mod scaffold;
+mod source;
+
+pub use brief::{Brief, Short};
+pub use cell::{Caps, CellSection, ElementName, Place as CellPlace, Solid};
+
+pub use error::{Place, RecipeError, RecipeFault};
+pub use file::{FileFrame, FileRef, Similarity, Up};
+pub use op::{
+    Ball, Block, DropSmall, Flow, Iterations, Kernel, Op, Operand, Renormalise, Side, Skin,
+};
+pub use output::{Cut, Output, OutputKind, PictureSize};
+pub use quantity::{
+    Finite, Fraction, HalfWidth, Length, Positive, QuantityError, Scale, Size, Unit, Width,
+};
+pub use scaffold::{BandSection, Boundary, BoxScaffold, Distance, ScaffoldSection, TilingSection};
+pub use source::Source;
+
+/// The version of the recipe's words that this program reads.
+pub const VERSION: i64 = 1;
+
+/// The sections of a recipe, in the order of the pipeline.
+#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(title = "Druse recipe")]
+pub struct Sections {
+    /// Version of the recipe: 1.
+    pub druse: i64,
+    /// Unit of every length without one of its own.
+    #[serde(default)]
+    pub unit: Unit,
+    /// The palette of unit cells, by name.
+    #[serde(default)]
+    pub cell: BTreeMap<String, CellSection>,
+    /// The mesh whose elements are filled.
+    pub scaffold: Option<ScaffoldSection>,
+    /// Which cell fills it.
+    pub tiling: Option<TilingSection>,
+    /// The sampling of the solid.
+    pub band: BandSection,
+    /// What is done to the solid, in order.
+    #[serde(default)]
+    pub op: Vec<Op>,
+    /// The files that are written.
+    #[serde(default)]
+    pub output: Vec<Output>,
+}
+
+/// A valid recipe: its sections and its text.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Recipe {
+    sections: Sections,
+    source: Source,
+}
+
+impl Recipe {
+    /// Reads a file and applies overrides of the form `KEY=VALUE`.
+    ///
+    /// # Errors
+    /// [`RecipeError`]: the file is missing, unreadable or no valid recipe.
+    pub fn read(path: &Path, overrides: &[String]) -> Result<Self, RecipeError> {
+        let text = std::fs::read_to_string(path).map_err(|e| RecipeError::io(path, &e))?;
+        Self::load(Source::new(Some(path), text, overrides))
+    }
+
+    /// Reads a text; relative paths in it start from the working directory.
+    ///
+    /// # Errors
+    /// [`RecipeError`]: no valid recipe.
+    pub fn parse(text: &str, overrides: &[String]) -> Result<Self, RecipeError> {
+        Self::load(Source::new(None, text.to_owned(), overrides))
+    }
+
+    fn load(mut source: Source) -> Result<Self, RecipeError> {
+        let sections: Sections = source.deserialize()?;
+        check::check(&sections, &source)?;
+        Ok(Self { sections, source })
+    }
+
+    /// What the recipe says.
+    pub fn sections(&self) -> &Sections {
+        &self.sections
+    }
+
+    /// Its text and the places of its keys.
+    pub fn source(&self) -> &Source {
+        &self.source
+    }
+
+    /// The unit of its lengths.
+    pub fn unit(&self) -> LengthUnit {
+        self.sections.unit.0
+    }
+
+    /// What its lengths are measured against.
+    pub fn scale(&self) -> Scale {
+        let unit = Scale {
+            unit: self.unit(),
+            voxel_size: f64::NAN,
+        };
+        Scale {
+            voxel_size: self.sections.band.voxel_size.resolve(unit),
+            ..unit
+        }
+    }
+
+    /// A path of the recipe, seen from the working directory.
+    pub fn resolve(&self, path: &Path) -> PathBuf {
+        self.source.directory().join(path)
+    }
+}
+
+/// The JSON schema of a recipe.
+pub fn schema() -> serde_json::Value {
+    schemars::schema_for!(Sections).to_value()
+}

@@ -1,0 +1,224 @@
+//! `[cell.NAME]`: where a unit cell comes from and how it is fitted, levelled and placed.
+
+use super::file::{FileRef, Similarity};
+use super::quantity::{Finite, Fraction, Positive};
+use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
+use serde::Deserialize;
+use serde::de::value::MapAccessDeserializer;
+use serde::de::{Deserializer, MapAccess, Visitor};
+use std::borrow::Cow;
+use std::fmt;
+use std::str::FromStr;
+
+/// One unit cell of the palette. Exactly one of `mesh`, `surface` and `file` is its source; at most
+/// one of `level`, `volume_fraction` and `thickness` sets its level.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
+#[cfg_attr(feature = "cli", derive(clap::Args))]
+#[serde(deny_unknown_fields, default)]
+pub struct CellSection {
+    /// A closed triangle mesh (.stl, .obj, .ply, .3mf) in the element's reference coordinates.
+    #[cfg_attr(feature = "cli", arg(skip))]
+    pub mesh: Option<FileRef>,
+    /// A named closed-form surface: `schwarz_p`, diamond, iwp, neovius or frd.
+    #[cfg_attr(feature = "cli", arg(skip))]
+    pub surface: Option<String>,
+    /// A saved `.cell` file.
+    #[cfg_attr(feature = "cli", arg(skip))]
+    pub file: Option<FileRef>,
+
+    /// The reference element; the scaffold's own when left out.
+    #[cfg_attr(feature = "cli", arg(long))]
+    pub element: Option<ElementName>,
+    /// Keep frequencies |f| <= R, in cycles per unit of reference length (hex edge 1, tet edge sqrt 2).
+    #[cfg_attr(feature = "cli", arg(long, value_name = "R"))]
+    pub band_limit: Option<Positive>,
+    /// Samples along an edge of the element's cube for the fit.
+    #[cfg_attr(feature = "cli", arg(long, value_name = "N"))]
+    pub samples: Option<u32>,
+    /// Meet the element's faces at a right angle.
+    #[cfg_attr(feature = "cli", arg(long, num_args = 0..=1, default_missing_value = "true", action = clap::ArgAction::Set))]
+    pub face_normal: Option<bool>,
+    /// Where the source stands: "reference", "fit", { scale, rotate, translate } or { vertices }.
+    #[cfg_attr(feature = "cli", arg(long))]
+    pub place: Option<Place>,
+    /// Triangles in a face plane of the element: "exclude" them from the distance, or "keep" them.
+    #[cfg_attr(feature = "cli", arg(long))]
+    pub caps: Option<Caps>,
+
+    /// Solid where phi < level, in units of the field.
+    #[cfg_attr(feature = "cli", arg(long, allow_negative_numbers = true))]
+    pub level: Option<Finite>,
+    /// Level by the solid's share of the element's volume.
+    #[cfg_attr(feature = "cli", arg(long, value_name = "FRACTION"))]
+    pub volume_fraction: Option<Fraction>,
+    /// Level by the full local thickness (wall of a sheet, diameter of a strut), in reference lengths.
+    #[cfg_attr(feature = "cli", arg(long))]
+    pub thickness: Option<Positive>,
+    /// Which side of the level is solid: below, above, or a sheet around it.
+    #[cfg_attr(feature = "cli", arg(long))]
+    pub solid: Option<Solid>,
+    /// Exchange solid and void.
+    #[cfg_attr(feature = "cli", arg(long, num_args = 0..=1, default_missing_value = "true", action = clap::ArgAction::Set))]
+    pub invert: Option<bool>,
+}
+
+/// Which side of the level is solid.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
+#[serde(rename_all = "lowercase")]
+pub enum Solid {
+    /// phi < level.
+    #[default]
+    Below,
+    /// phi > level.
+    Above,
+    /// |phi| < half the thickness.
+    Sheet,
+}
+
+/// What triangles in a face plane of the element count for.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
+#[serde(rename_all = "lowercase")]
+pub enum Caps {
+    /// For the inside test only, so that struts cut at the faces join through them.
+    #[default]
+    Exclude,
+    /// For the distance too.
+    Keep,
+}
+
+/// A reference element that a solid cell can live in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
+#[serde(rename_all = "lowercase")]
+pub enum ElementName {
+    /// Regular tetrahedron of edge sqrt 2.
+    Tet,
+    /// Unit cube.
+    Hex,
+}
+
+impl From<ElementName> for crate::frame::Element {
+    fn from(name: ElementName) -> Self {
+        match name {
+            ElementName::Tet => Self::Tet,
+            ElementName::Hex => Self::Hex,
+        }
+    }
+}
+
+/// Where a source stands in the reference coordinates of its element.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub enum Place {
+    /// The source is in reference coordinates.
+    #[default]
+    Reference,
+    /// Its bounding box onto the element's bounding cube, uniformly.
+    Fit,
+    /// Scaled, turned, moved, in that order.
+    Similarity(Similarity),
+    /// The element's vertices, in VTK order, in source coordinates.
+    Vertices(Vec<[f64; 3]>),
+}
+
+/// The table forms of a placement.
+#[derive(Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+struct PlaceTable {
+    scale: Option<Positive>,
+    rotate: Option<[Finite; 3]>,
+    translate: Option<[Finite; 3]>,
+    vertices: Option<Vec<[Finite; 3]>>,
+}
+
+impl PlaceTable {
+    fn place(self) -> Result<Place, &'static str> {
+        let moved = self.scale.is_some() || self.rotate.is_some() || self.translate.is_some();
+        match self.vertices {
+            Some(_) if moved => Err("vertices stands alone, without scale, rotate or translate"),
+            Some(v) => Ok(Place::Vertices(
+                v.into_iter().map(|p| p.map(|c| c.0)).collect(),
+            )),
+            None => {
+                let default = Similarity::default();
+                Ok(Place::Similarity(Similarity {
+                    scale: self.scale.unwrap_or(default.scale),
+                    rotate: self.rotate.unwrap_or(default.rotate),
+                    translate: self.translate.unwrap_or(default.translate),
+                }))
+            }
+        }
+    }
+}
+
+impl<'de> Deserialize<'de> for Place {
+    fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
+        struct Form;
+        impl<'de> Visitor<'de> for Form {
+            type Value = Place;
+            fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
+                f.write_str("\"reference\", \"fit\", { scale, rotate, translate } or { vertices }")
+            }
+            fn visit_str<E: serde::de::Error>(self, v: &str) -> Result<Place, E> {
+                match v {
+                    "reference" => Ok(Place::Reference),
+                    "fit" => Ok(Place::Fit),
+                    _ => Err(E::unknown_variant(v, &["reference", "fit"])),
+                }
+            }
+            fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<Place, A::Error> {
+                PlaceTable::deserialize(MapAccessDeserializer::new(map))?
+                    .place()
+                    .map_err(serde::de::Error::custom)
+            }
+        }
+        d.deserialize_any(Form)
+    }
+}
+
+impl FromStr for Place {
+    type Err = String;
+    fn from_str(s: &str) -> Result<Self, String> {
+        let read = |text: &str| {
+            let value = toml::de::ValueDeserializer::parse(text)?;
+            Self::deserialize(value)
+        };
+        // A bare word is its own string.
+        let bare = s.chars().all(|c| c.is_ascii_alphanumeric());
+        let text = if bare { format!("{s:?}") } else { s.to_owned() };
+        read(&text).map_err(|e| e.message().to_owned())
+    }
+}
+
+impl JsonSchema for Place {
+    fn schema_name() -> Cow<'static, str> {
+        "Place".into()
+    }
+    fn json_schema(generator: &mut SchemaGenerator) -> Schema {
+        let table = generator.subschema_for::<PlaceTable>();
+        json_schema!({ "anyOf": [{ "enum": ["reference", "fit"] }, table] })
+    }
+}
+
+impl CellSection {
+    /// Names of the sources that are given.
+    pub fn sources(&self) -> Vec<&'static str> {
+        let given = [
+            ("mesh", self.mesh.is_some()),
+            ("surface", self.surface.is_some()),
+            ("file", self.file.is_some()),
+        ];
+        given.iter().filter(|g| g.1).map(|g| g.0).collect()
+    }
+
+    /// Names of the level rules that are given.
+    pub fn levels(&self) -> Vec<&'static str> {
+        let given = [
+            ("level", self.level.is_some()),
+            ("volume_fraction", self.volume_fraction.is_some()),
+            ("thickness", self.thickness.is_some()),
+        ];
+        given.iter().filter(|g| g.1).map(|g| g.0).collect()
+    }
+}

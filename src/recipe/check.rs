@@ -1,0 +1,234 @@
+//! What no single key can know: rules between the sections of a recipe.
+
+use super::error::{RecipeError, nearest};
+use super::op::{Op, Operand};
+use super::output::OutputKind;
+use super::quantity::{Length, Size, Width};
+use super::source::Source;
+use super::{Sections, Solid, VERSION};
+
+type Checked = Result<(), RecipeError>;
+
+pub(super) fn check(sections: &Sections, source: &Source) -> Checked {
+    if sections.druse != VERSION {
+        let found = sections.druse;
+        return Err(source
+            .fault(
+                "druse",
+                format!("recipe version {found}, expected {VERSION}"),
+            )
+            .hint("this program reads recipes that begin with druse = 1"));
+    }
+    cells(sections, source)?;
+    scaffold(sections, source)?;
+    if let Length::Voxels(_) = sections.band.voxel_size.0 {
+        return Err(source.fault(
+            "band.voxel_size",
+            "a voxel cannot be measured in voxels; expected a length",
+        ));
+    }
+    for (n, op) in sections.op.iter().enumerate() {
+        operation(op, &format!("op.{n}"), source)?;
+    }
+    start(sections, source)?;
+    outputs(sections, source)
+}
+
+fn cells(sections: &Sections, source: &Source) -> Checked {
+    for (name, cell) in &sections.cell {
+        let key = format!("cell.{name}");
+        let given = cell.sources();
+        if given.len() != 1 {
+            let found = list(&given);
+            return Err(source.fault(
+                &key,
+                format!("{key} needs exactly one source of mesh, surface, file; found {found}"),
+            ));
+        }
+        let levels = cell.levels();
+        if levels.len() > 1 {
+            let found = list(&levels);
+            return Err(source.fault(
+                &format!("{key}.{}", levels[1]),
+                format!("{key} takes one of level, volume_fraction, thickness; found {found}"),
+            ));
+        }
+        let sheet = cell.solid == Some(Solid::Sheet);
+        if sheet && cell.thickness.is_none() && cell.volume_fraction.is_none() {
+            return Err(source.fault(
+                &format!("{key}.solid"),
+                "a sheet needs its thickness or volume_fraction",
+            ));
+        }
+    }
+    Ok(())
+}
+
+fn scaffold(sections: &Sections, source: &Source) -> Checked {
+    match (&sections.scaffold, &sections.tiling) {
+        (None, None) => Ok(()),
+        (None, Some(_)) => Err(source.fault(
+            "tiling",
+            "[tiling] needs a [scaffold] whose elements it fills",
+        )),
+        (Some(_), None) => Err(source
+            .fault(
+                "scaffold",
+                "[scaffold] needs a [tiling] that says which cell fills it",
+            )
+            .hint("add [tiling] with cell = \"NAME\"")),
+        (Some(scaffold), Some(tiling)) => {
+            if scaffold.file.is_some() == scaffold.block.is_some() {
+                let found = if scaffold.file.is_some() {
+                    "both"
+                } else {
+                    "none"
+                };
+                return Err(source.fault(
+                    "scaffold",
+                    format!("[scaffold] needs exactly one of file, box; found {found}"),
+                ));
+            }
+            if let Some(block) = &scaffold.block {
+                let sizes = block.size.iter().chain([&block.cell_size]);
+                for size in sizes {
+                    no_voxels(size.0, "scaffold.box", source)?;
+                }
+            }
+            if sections.cell.contains_key(&tiling.cell) {
+                return Ok(());
+            }
+            let known: Vec<&String> = sections.cell.keys().collect();
+            let error = source.fault(
+                "tiling.cell",
+                format!(
+                    "no cell is named {:?}; the recipe has {}",
+                    tiling.cell,
+                    list(&known)
+                ),
+            );
+            Err(match nearest(&tiling.cell, &known) {
+                Some(word) => error.hint(format!("did you mean \"{word}\"?")),
+                None => error,
+            })
+        }
+    }
+}
+
+fn no_voxels(length: Length, key: &str, source: &Source) -> Checked {
+    match length {
+        Length::Voxels(_) => Err(source.fault(
+            key,
+            format!("{length}: a scaffold is measured in units of length, not in voxels"),
+        )),
+        _ => Ok(()),
+    }
+}
+
+fn operation(op: &Op, key: &str, source: &Source) -> Checked {
+    if let Some(Operand::Skin(skin)) = op.operand() {
+        let _: Size = skin.thickness;
+    }
+    if let Op::Gaussian(k) | Op::Mean(k) | Op::Median(k) = op {
+        let Width(width) = k.width;
+        if width.number() > 64.0 && !matches!(width, Length::In(..)) {
+            return Err(source.fault(
+                &format!("{key}.{}", op.name()),
+                format!("a kernel of {width} voxels; expected at most 64"),
+            ));
+        }
+    }
+    Ok(())
+}
+
+/// Without a scaffold the solid starts from nothing: the first operation must add something.
+fn start(sections: &Sections, source: &Source) -> Checked {
+    if sections.scaffold.is_some() {
+        return Ok(());
+    }
+    match sections.op.first() {
+        Some(Op::Union(_)) => Ok(()),
+        Some(op) => Err(source
+            .fault(
+                "op.0",
+                format!("without a [scaffold] there is nothing to {} yet", op.name()),
+            )
+            .hint("start with a [scaffold] and [tiling], or with union = { ... }")),
+        None => Err(RecipeError::invalid(
+            source.path.as_deref(),
+            "the recipe makes no solid: expected a [scaffold] with [tiling], or an [[op]] with union",
+        )),
+    }
+}
+
+fn outputs(sections: &Sections, source: &Source) -> Checked {
+    let mut seen = Vec::new();
+    for (n, output) in sections.output.iter().enumerate() {
+        let key = format!("output.{n}");
+        let named = output.named();
+        let [(kind, path)] = named[..] else {
+            return Err(source.fault(
+                &key,
+                format!(
+                    "an [[output]] names exactly one of vdb, mesh, picture, report; found {}",
+                    named.len()
+                ),
+            ));
+        };
+        if seen.contains(&path) {
+            return Err(source.fault(&key, format!("two outputs are named {}", path.display())));
+        }
+        seen.push(path);
+        let extension = path
+            .extension()
+            .map(|e| e.to_string_lossy().to_lowercase())
+            .unwrap_or_default();
+        let (word, known): (&str, &[&str]) = match kind {
+            OutputKind::Vdb => ("vdb", &["vdb"]),
+            OutputKind::Mesh => ("mesh", &["stl", "ply", "obj", "3mf"]),
+            OutputKind::Picture => ("picture", &["png"]),
+            OutputKind::Report => ("report", &["json"]),
+        };
+        if !known.contains(&extension.as_str()) {
+            return Err(source.fault(
+                &format!("{key}.{word}"),
+                format!(
+                    "{word} = {:?} has the extension {extension:?}; expected {}",
+                    path.display().to_string(),
+                    known.join(", ")
+                ),
+            ));
+        }
+        let wrong = [
+            ("fog", output.fog && kind != OutputKind::Vdb, "vdb"),
+            (
+                "size",
+                output.size.is_some() && kind != OutputKind::Picture,
+                "picture",
+            ),
+            (
+                "cut",
+                output.cut.is_some() && kind != OutputKind::Picture,
+                "picture",
+            ),
+        ];
+        if let Some((word, _, owner)) = wrong.into_iter().find(|w| w.1) {
+            return Err(source.fault(
+                &format!("{key}.{word}"),
+                format!("{word} belongs to an output with {owner}"),
+            ));
+        }
+    }
+    Ok(())
+}
+
+fn list<S: AsRef<str>>(words: &[S]) -> String {
+    match words {
+        [] => "none".to_owned(),
+        _ => words
+            .iter()
+            .map(AsRef::as_ref)
+            .collect::<Vec<_>>()
+            .join(", "),
+    }
+}

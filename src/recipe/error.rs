@@ -1,0 +1,153 @@
+//! What is wrong with a recipe, where, and what would be right.
+
+use super::source::Source;
+use std::fmt;
+use std::path::Path;
+
+/// Where a fault stands.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Place {
+    /// In the text.
+    Line {
+        /// Line, from 1.
+        line: usize,
+        /// Column in characters, from 1.
+        column: usize,
+        /// The whole line.
+        text: String,
+    },
+    /// In an override: its text.
+    Override(String),
+}
+
+/// Whether a recipe is absent, unreadable or wrong.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RecipeFault {
+    /// The file does not exist.
+    Missing,
+    /// The file exists but cannot be read.
+    Unreadable,
+    /// The text is not a valid recipe.
+    Invalid,
+}
+
+/// A recipe that cannot be used.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct RecipeError {
+    /// The family of the fault.
+    pub fault: RecipeFault,
+    /// The recipe's file.
+    pub file: Option<Box<Path>>,
+    /// Where in it.
+    pub place: Option<Place>,
+    /// The key it concerns, as in `op.2.dilate`.
+    pub key: Option<Box<str>>,
+    /// What was found and what was expected.
+    pub message: String,
+    /// What to do.
+    pub hint: Option<Box<str>>,
+}
+
+impl std::error::Error for RecipeError {}
+
+impl fmt::Display for RecipeError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match &self.key {
+            Some(key) if !self.message.contains(&**key) => write!(f, "{key}: ")?,
+            _ => {}
+        }
+        f.write_str(&self.message)
+    }
+}
+
+impl RecipeError {
+    /// An error about the recipe as a whole.
+    pub fn invalid(file: Option<&Path>, message: impl Into<String>) -> Self {
+        Self {
+            fault: RecipeFault::Invalid,
+            file: file.map(Into::into),
+            place: None,
+            key: None,
+            message: message.into(),
+            hint: None,
+        }
+    }
+
+    /// This error with advice.
+    #[must_use]
+    pub fn hint(self, hint: impl Into<Box<str>>) -> Self {
+        Self {
+            hint: Some(hint.into()),
+            ..self
+        }
+    }
+
+    pub(super) fn io(path: &Path, error: &std::io::Error) -> Self {
+        let missing = error.kind() == std::io::ErrorKind::NotFound;
+        Self {
+            fault: if missing {
+                RecipeFault::Missing
+            } else {
+                RecipeFault::Unreadable
+            },
+            hint: missing.then(|| "druse new NAME writes a recipe to start from".into()),
+            ..Self::invalid(Some(path), format!("cannot read the recipe: {error}"))
+        }
+    }
+
+    /// Translates an error of the TOML reader: its place, and the nearest known word.
+    pub(super) fn toml(source: &Source, error: &toml::de::Error) -> Self {
+        let mut message = error.message().trim_end().replace('\n', "; ");
+        let mut hint = None;
+        if message.starts_with("wanted exactly 1 element") {
+            let found = if message.contains("more than") {
+                "several"
+            } else {
+                "none"
+            };
+            message = format!("expected exactly one key here, found {found}");
+        } else if let Some((kind, found, known)) = unknown_word(&message) {
+            let what = if kind == "field" { "key" } else { "word" };
+            message = if known.is_empty() {
+                format!("unknown {what} \"{found}\"")
+            } else {
+                format!(
+                    "unknown {what} \"{found}\"; expected one of {}",
+                    known.join(", ")
+                )
+            };
+            hint = nearest(&found, &known).map(|w| format!("did you mean \"{w}\"?").into());
+        }
+        let span = error.span();
+        let key = span
+            .as_ref()
+            .and_then(|s| source.key_at(s))
+            .map(Into::into);
+        Self {
+            place: span.map(|s| source.place(s)),
+            key,
+            hint,
+            ..Self::invalid(source.path.as_deref(), message)
+        }
+    }
+}
+
+/// Takes serde's "unknown field `a`, expected one of `b`, `c`" apart.
+fn unknown_word(message: &str) -> Option<(&str, String, Vec<String>)> {
+    let kind = ["field", "variant"]
+        .into_iter()
+        .find(|k| message.starts_with(&format!("unknown {k} `")))?;
+    let mut words = message.split('`').skip(1).step_by(2).map(str::to_owned);
+    let found = words.next()?;
+    Some((kind, found, words.collect()))
+}
+
+/// The known word that resembles `found` most, if any does.
+pub(crate) fn nearest<'a, S: AsRef<str>>(found: &str, known: &'a [S]) -> Option<&'a str> {
+    known
+        .iter()
+        .map(|k| (strsim::jaro_winkler(found, k.as_ref()), k.as_ref()))
+        .filter(|(score, _)| *score > 0.7)
+        .max_by(|a, b| a.0.total_cmp(&b.0))
+        .map(|(_, k)| k)
+}

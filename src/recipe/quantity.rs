@@ -1,0 +1,373 @@
+//! Quantities of a recipe: lengths with their unit, kernel widths, and numbers with a range.
+//!
+//! A length is a number (the recipe's unit) or a string such as `"0.2mm"` or `"3vx"` (voxels). Sizes
+//! are positive; a bare kernel width counts voxels. All of them parse alike from TOML and from a
+//! command line, so that an error says the same in both.
+
+use crate::frame::LengthUnit;
+use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
+use serde::de::{Deserialize, Deserializer, Error as _, Visitor};
+use std::borrow::Cow;
+use std::fmt;
+use std::str::FromStr;
+
+/// What lengths are measured against: the recipe's unit and its voxel.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Scale {
+    /// The unit of bare numbers.
+    pub unit: LengthUnit,
+    /// Edge of a voxel in that unit.
+    pub voxel_size: f64,
+}
+
+/// A text or number that is no valid quantity.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum QuantityError {
+    /// Neither a number nor a number with a unit.
+    #[error(
+        "{0:?} is not a length; expected a number with um, mm, cm, m, in, ft or vx (voxels), as in \"0.2mm\""
+    )]
+    NotALength(String),
+    /// A number out of its range.
+    #[error("found {found}, expected {expected}")]
+    Range {
+        /// The number, as text.
+        found: String,
+        /// What the key takes.
+        expected: &'static str,
+    },
+}
+
+/// A length as written: a finite number and its unit.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Length {
+    /// A bare number: the recipe's unit (or voxels, where a key says so).
+    Bare(f64),
+    /// A number with a unit of length.
+    In(f64, LengthUnit),
+    /// A number of voxels.
+    Voxels(f64),
+}
+
+impl Length {
+    /// The number without its unit.
+    pub fn number(self) -> f64 {
+        match self {
+            Self::Bare(v) | Self::In(v, _) | Self::Voxels(v) => v,
+        }
+    }
+
+    /// The length in the recipe's unit.
+    pub fn resolve(self, scale: Scale) -> f64 {
+        match self {
+            Self::Bare(v) => v,
+            Self::In(v, unit) => v * unit.to(scale.unit),
+            Self::Voxels(v) => v * scale.voxel_size,
+        }
+    }
+
+    /// The length in `unit`, a bare number being in `bare`; `None` for voxels.
+    pub fn in_unit(self, unit: LengthUnit, bare: LengthUnit) -> Option<f64> {
+        match self {
+            Self::Bare(v) => Some(v * bare.to(unit)),
+            Self::In(v, own) => Some(v * own.to(unit)),
+            Self::Voxels(_) => None,
+        }
+    }
+
+    fn finite(self) -> Result<Self, QuantityError> {
+        in_range(self.number(), f64::is_finite, "a finite length").map(|_| self)
+    }
+}
+
+fn in_range(v: f64, ok: fn(f64) -> bool, expected: &'static str) -> Result<f64, QuantityError> {
+    if ok(v) {
+        Ok(v)
+    } else {
+        Err(QuantityError::Range {
+            found: v.to_string(),
+            expected,
+        })
+    }
+}
+
+impl From<f64> for Length {
+    fn from(v: f64) -> Self {
+        Self::Bare(v)
+    }
+}
+
+impl FromStr for Length {
+    type Err = QuantityError;
+    fn from_str(s: &str) -> Result<Self, QuantityError> {
+        let text = s.trim();
+        if let Ok(v) = text.parse::<f64>() {
+            return Self::Bare(v).finite();
+        }
+        // The trailing letters are the unit; what stands before them must be a number ("1e-3m").
+        let bad = || QuantityError::NotALength(s.to_owned());
+        let number = text.trim_end_matches(|c: char| c.is_ascii_alphabetic());
+        let unit = &text[number.len()..];
+        let v = number.trim().parse::<f64>().map_err(|_| bad())?;
+        match unit {
+            "vx" => Self::Voxels(v).finite(),
+            _ => Self::In(v, unit.parse().map_err(|_| bad())?).finite(),
+        }
+    }
+}
+
+impl fmt::Display for Length {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Bare(v) => write!(f, "{v}"),
+            Self::In(v, unit) => write!(f, "{v}{unit}"),
+            Self::Voxels(v) => write!(f, "{v}vx"),
+        }
+    }
+}
+
+/// A positive length.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Size(pub Length);
+
+impl Size {
+    /// The size in the recipe's unit.
+    pub fn resolve(self, scale: Scale) -> f64 {
+        self.0.resolve(scale)
+    }
+}
+
+/// A positive kernel width: voxels when bare.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Width(pub Length);
+
+impl Width {
+    /// The width in voxels.
+    pub fn voxels(self, scale: Scale) -> f64 {
+        match self.0 {
+            Length::Bare(v) | Length::Voxels(v) => v,
+            length @ Length::In(..) => length.resolve(scale) / scale.voxel_size,
+        }
+    }
+}
+
+impl Default for Width {
+    fn default() -> Self {
+        Self(Length::Bare(1.0))
+    }
+}
+
+fn positive(length: Length, expected: &'static str) -> Result<Length, QuantityError> {
+    if length.number() > 0.0 {
+        Ok(length)
+    } else {
+        Err(QuantityError::Range {
+            found: length.to_string(),
+            expected,
+        })
+    }
+}
+
+impl TryFrom<Length> for Size {
+    type Error = QuantityError;
+    fn try_from(length: Length) -> Result<Self, QuantityError> {
+        positive(length, "a positive length").map(Self)
+    }
+}
+
+impl TryFrom<Length> for Width {
+    type Error = QuantityError;
+    fn try_from(length: Length) -> Result<Self, QuantityError> {
+        positive(length, "a positive width").map(Self)
+    }
+}
+
+/// Reads a number or a string with [`FromStr`].
+struct Text<T>(std::marker::PhantomData<T>, &'static str);
+
+impl<T> Visitor<'_> for Text<T>
+where
+    T: FromStr<Err = QuantityError> + TryFrom<f64, Error = QuantityError>,
+{
+    type Value = T;
+    fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.write_str(self.1)
+    }
+    fn visit_f64<E: serde::de::Error>(self, v: f64) -> Result<T, E> {
+        T::try_from(v).map_err(E::custom)
+    }
+    fn visit_i64<E: serde::de::Error>(self, v: i64) -> Result<T, E> {
+        self.visit_f64(v as f64)
+    }
+    fn visit_u64<E: serde::de::Error>(self, v: u64) -> Result<T, E> {
+        self.visit_f64(v as f64)
+    }
+    fn visit_str<E: serde::de::Error>(self, v: &str) -> Result<T, E> {
+        v.parse().map_err(E::custom)
+    }
+}
+
+/// The common half of a quantity: text, TOML and schema, given its checked construction.
+macro_rules! quantity {
+    ($name:ident, $expecting:literal, $schema:tt) => {
+        impl<'de> Deserialize<'de> for $name {
+            fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
+                d.deserialize_any(Text(std::marker::PhantomData, $expecting))
+            }
+        }
+        impl JsonSchema for $name {
+            fn inline_schema() -> bool {
+                false
+            }
+            fn schema_name() -> Cow<'static, str> {
+                stringify!($name).into()
+            }
+            fn json_schema(_: &mut SchemaGenerator) -> Schema {
+                json_schema!($schema)
+            }
+        }
+    };
+}
+
+macro_rules! length_quantity {
+    ($name:ident, $expecting:literal, $schema:tt) => {
+        impl TryFrom<f64> for $name {
+            type Error = QuantityError;
+            fn try_from(v: f64) -> Result<Self, QuantityError> {
+                Self::try_from(Length::Bare(v).finite()?)
+            }
+        }
+        impl FromStr for $name {
+            type Err = QuantityError;
+            fn from_str(s: &str) -> Result<Self, QuantityError> {
+                Self::try_from(s.parse::<Length>()?)
+            }
+        }
+        impl fmt::Display for $name {
+            fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                self.0.fmt(f)
+            }
+        }
+        quantity!($name, $expecting, $schema);
+    };
+}
+
+length_quantity!(Size, "a positive length such as 0.2, \"0.2mm\" or \"3vx\"", {
+    "description": "A positive length: a number in the recipe's unit, or a string such as \"0.2mm\" or \"3vx\" (voxels).",
+    "type": ["number", "string"], "exclusiveMinimum": 0
+});
+length_quantity!(Width, "a positive width in voxels, or a length such as \"0.2mm\"", {
+    "description": "A positive kernel width: a number of voxels, or a string such as \"0.2mm\".",
+    "type": ["number", "string"], "exclusiveMinimum": 0
+});
+
+impl<'de> Deserialize<'de> for Length {
+    fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
+        struct Any;
+        impl Visitor<'_> for Any {
+            type Value = Length;
+            fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
+                f.write_str("a length such as 0.2, \"0.2mm\" or \"3vx\"")
+            }
+            fn visit_f64<E: serde::de::Error>(self, v: f64) -> Result<Length, E> {
+                Length::Bare(v).finite().map_err(E::custom)
+            }
+            fn visit_i64<E: serde::de::Error>(self, v: i64) -> Result<Length, E> {
+                self.visit_f64(v as f64)
+            }
+            fn visit_str<E: serde::de::Error>(self, v: &str) -> Result<Length, E> {
+                v.parse().map_err(E::custom)
+            }
+        }
+        d.deserialize_any(Any)
+    }
+}
+
+impl JsonSchema for Length {
+    fn schema_name() -> Cow<'static, str> {
+        "Length".into()
+    }
+    fn json_schema(_: &mut SchemaGenerator) -> Schema {
+        json_schema!({
+            "description": "A length: a number in the recipe's unit, or a string such as \"-0.2mm\" or \"3vx\" (voxels).",
+            "type": ["number", "string"]
+        })
+    }
+}
+
+/// A number within a range, as a type.
+macro_rules! number {
+    ($(#[$doc:meta])* $name:ident, $ok:expr, $expected:literal, $schema:tt) => {
+        $(#[$doc])*
+        #[derive(Clone, Copy, Debug, PartialEq)]
+        pub struct $name(pub f64);
+        impl TryFrom<f64> for $name {
+            type Error = QuantityError;
+            fn try_from(v: f64) -> Result<Self, QuantityError> {
+                in_range(v, $ok, $expected).map(Self)
+            }
+        }
+        impl FromStr for $name {
+            type Err = QuantityError;
+            fn from_str(s: &str) -> Result<Self, QuantityError> {
+                let v = s.trim().parse::<f64>().map_err(|_| QuantityError::Range {
+                    found: format!("{s:?}"),
+                    expected: $expected,
+                })?;
+                Self::try_from(v)
+            }
+        }
+        impl fmt::Display for $name {
+            fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                self.0.fmt(f)
+            }
+        }
+        quantity!($name, $expected, $schema);
+    };
+}
+
+number!(
+    /// A positive finite number.
+    Positive, |v| v > 0.0 && v.is_finite(), "a positive number",
+    { "type": "number", "exclusiveMinimum": 0 });
+number!(
+    /// A finite number.
+    Finite, f64::is_finite, "a finite number", { "type": "number" });
+number!(
+    /// A number strictly between 0 and 1.
+    Fraction, |v| v > 0.0 && v < 1.0, "a number between 0 and 1, both excluded",
+    { "type": "number", "exclusiveMinimum": 0, "exclusiveMaximum": 1 });
+number!(
+    /// A band half width in voxels: at least 1.5, so that every crossing has its neighbours.
+    HalfWidth, |v| (1.5..=64.0).contains(&v), "a number of voxels between 1.5 and 64",
+    { "type": "number", "minimum": 1.5, "maximum": 64 });
+
+/// A unit of length as a key of a recipe.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Unit(pub LengthUnit);
+
+impl<'de> Deserialize<'de> for Unit {
+    fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
+        let name = String::deserialize(d)?;
+        name.parse().map(Self).map_err(D::Error::custom)
+    }
+}
+
+impl FromStr for Unit {
+    type Err = crate::frame::UnknownUnit;
+    fn from_str(s: &str) -> Result<Self, Self::Err> {
+        s.parse().map(Self)
+    }
+}
+
+impl JsonSchema for Unit {
+    fn schema_name() -> Cow<'static, str> {
+        "Unit".into()
+    }
+    fn json_schema(_: &mut SchemaGenerator) -> Schema {
+        json_schema!({
+            "description": "A unit of length.",
+            "type": "string", "enum": ["um", "mm", "cm", "m", "in", "ft"]
+        })
+    }
+}
