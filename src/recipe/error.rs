@@ -119,10 +119,7 @@ impl RecipeError {
             hint = nearest(&found, &known).map(|w| format!("did you mean \"{w}\"?").into());
         }
         let span = error.span();
-        let key = span
-            .as_ref()
-            .and_then(|s| source.key_at(s))
-            .map(Into::into);
+        let key = span.as_ref().and_then(|s| source.key_at(s)).map(Into::into);
         Self {
             place: span.map(|s| source.place(s)),
             key,

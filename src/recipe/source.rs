@@ -39,7 +39,9 @@ impl Source {
             text.push('\n');
         }
         for o in &self.overrides {
-            text.push_str(&format!("# --set {}\n", o.replace('\n', " ")));
+            text.push_str("# --set ");
+            text.push_str(&o.replace('\n', " "));
+            text.push('\n');
         }
         text
     }
