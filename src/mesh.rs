@@ -15,7 +15,18 @@
 use crate::frame::{Aabb, Vec3};
 use std::collections::HashMap;
 
+mod bvh;
+mod rim;
 mod shapes;
+mod skin;
+mod solid;
+mod soup;
+mod triangle;
+mod winding;
+
+pub use skin::{Side, Skin};
+pub use solid::MeshSolid;
+pub use soup::Closest;
 
 /// Why vertices and triangles do not make a mesh.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]

@@ -1,0 +1,223 @@
+//! A mesh as a solid: exact distance, sign by the winding number.
+//!
+//! A point is inside where the generalised winding number exceeds 1/2, which holds for open,
+//! self-intersecting and duplicated surfaces alike. The value is the signed distance to the
+//! triangles: 1-Lipschitz wherever the surface is closed. Across a hole, where w = 1/2 without a
+//! surface, the sign changes at a distance; bounds and bulk evaluation take that into account.
+
+use super::TriMesh;
+use super::rim::Rim;
+use super::soup::{Closest, Soup};
+use super::winding::Winding;
+use crate::field::{Field, Interval, SampleLattice};
+use crate::frame::{Aabb, Vec3, WorldPoint};
+
+/// A triangle mesh prepared for distance and inside tests; immutable and shared by threads.
+///
+/// A mesh without triangles is a solid that is nowhere: outside everywhere, at infinite distance.
+///
+/// ```
+/// use druse::{field::Field, frame::{Aabb, Vec3, WorldPoint}, mesh::{MeshSolid, TriMesh}};
+/// let cube = MeshSolid::new(TriMesh::cuboid(&Aabb::of([[0.0; 3].into(), [2.0; 3].into()])));
+/// assert_eq!(cube.value(WorldPoint(Vec3::new(1.0, 1.0, 0.25))), -0.25);
+/// assert_eq!(cube.signed_distance(Vec3::new(5.0, 6.0, 1.0)), 5.0);
+/// ```
+pub struct MeshSolid {
+    mesh: TriMesh,
+    bounds: Aabb,
+    /// What distance is measured to.
+    surface: Soup,
+    /// What winds, where it is more than the surface.
+    whole: Option<Soup>,
+    winding: Winding,
+    /// Triangles that wind only: there the sign may change away from the surface.
+    caps: Option<Soup>,
+    rim: Option<Rim>,
+}
+
+impl MeshSolid {
+    /// A solid whose surface is the whole mesh.
+    pub fn new(mesh: TriMesh) -> Self {
+        let caps = vec![false; mesh.triangles().len()];
+        Self::with_caps(mesh, &caps)
+    }
+
+    /// A solid some of whose triangles are only caps: they count for what is inside, but the
+    /// distance passes them by. A cell trimmed at its element's faces is such a mesh.
+    ///
+    /// # Panics
+    /// When `is_cap` has not one entry per triangle.
+    pub fn with_caps(mesh: TriMesh, is_cap: &[bool]) -> Self {
+        assert_eq!(
+            is_cap.len(),
+            mesh.triangles().len(),
+            "one flag per triangle"
+        );
+        let numbered: Vec<_> = mesh.iter_corners().zip(0u32..).collect();
+        let part = |cap: bool| -> Vec<_> {
+            numbered
+                .iter()
+                .filter(|t| is_cap[t.1 as usize] == cap)
+                .copied()
+                .collect()
+        };
+        let has_caps = is_cap.contains(&true);
+        let surface = if has_caps {
+            Soup::new(&part(false))
+        } else {
+            Soup::new(&numbered)
+        };
+        let whole = has_caps.then(|| Soup::new(&numbered));
+        let merged = mesh.merged();
+        Self {
+            bounds: mesh.bounds(),
+            winding: Winding::new(whole.as_ref().unwrap_or(&surface)),
+            caps: has_caps.then(|| Soup::new(&part(true))),
+            rim: Rim::new(merged.vertices(), merged.triangles()),
+            mesh,
+            surface,
+            whole,
+        }
+    }
+
+    /// The mesh it was made from.
+    pub fn mesh(&self) -> &TriMesh {
+        &self.mesh
+    }
+
+    /// The box around all triangles, caps included; the solid lies within.
+    pub fn bounds(&self) -> Aabb {
+        self.bounds
+    }
+
+    /// Whether every side of a triangle is answered by another in the opposite direction: the
+    /// winding number is then an integer away from the triangles.
+    pub fn is_cycle(&self) -> bool {
+        self.rim.is_none()
+    }
+
+    /// The point of the surface nearest to `p`.
+    pub fn closest(&self, p: Vec3) -> Closest {
+        self.surface.closest(p, None).0
+    }
+
+    /// The generalised winding number at `p`, within a few hundredths (dipoles stand for far triangles).
+    pub fn winding_number(&self, p: Vec3) -> f64 {
+        self.winding
+            .number(self.whole.as_ref().unwrap_or(&self.surface), p)
+    }
+
+    /// Whether `p` is inside: the winding number exceeds 1/2.
+    pub fn contains(&self, p: Vec3) -> bool {
+        // Outside the box of a cycle the winding number is 0.
+        (self.rim.is_some() || self.bounds.contains(WorldPoint(p))) && self.winding_number(p) > 0.5
+    }
+
+    /// Distance to the surface, negative inside.
+    pub fn signed_distance(&self, p: Vec3) -> f64 {
+        let d = self.closest(p).distance;
+        if self.contains(p) { -d } else { d }
+    }
+
+    /// The sign that holds within `radius` of `centre` (true: inside), whose distance to the surface
+    /// is `distance`; `None` where it may change.
+    fn settled(&self, centre: Vec3, radius: f64, distance: f64) -> Option<bool> {
+        if distance <= radius {
+            return None;
+        }
+        let far = |caps: &Soup| caps.closest(centre, None).0.distance > radius;
+        if !self.caps.as_ref().is_none_or(far) {
+            return None;
+        }
+        match &self.rim {
+            None => Some(self.contains(centre)),
+            Some(rim) => {
+                let w = self.winding_number(centre);
+                rim.settles(centre, radius, w).then_some(w > 0.5)
+            }
+        }
+    }
+
+    /// Whether the sign changes only at the surface within `radius` of `centre`.
+    fn is_coherent(&self, centre: Vec3, radius: f64) -> bool {
+        let far = |caps: &Soup| caps.closest(centre, None).0.distance > radius;
+        self.rim.is_none() && self.caps.as_ref().is_none_or(far)
+    }
+}
+
+impl Field for MeshSolid {
+    type Point = WorldPoint;
+
+    fn value(&self, p: WorldPoint) -> f64 {
+        self.signed_distance(p.0)
+    }
+
+    fn value_and_gradient(&self, p: WorldPoint) -> (f64, Vec3) {
+        let c = self.closest(p.0);
+        let s = if self.contains(p.0) { -1.0 } else { 1.0 };
+        let away = p.0 - c.point;
+        let gradient = if c.distance > 0.0 && c.distance.is_finite() {
+            away * (s / c.distance)
+        } else if c.triangle == u32::MAX {
+            Vec3::zeros()
+        } else {
+            let [a, b, c] = self.mesh.corners(c.triangle as usize);
+            (b - a)
+                .cross(&(c - a))
+                .try_normalize(0.0)
+                .unwrap_or_default()
+        };
+        (s * c.distance, gradient)
+    }
+
+    fn bound(&self, region: &Aabb) -> Interval {
+        let (centre, radius) = (region.centre().0, region.half_diagonal());
+        let d = self.closest(centre).distance;
+        match self.settled(centre, radius, d) {
+            Some(true) => Interval::new(-d - radius, radius - d),
+            Some(false) => Interval::new(d - radius, d + radius),
+            // The sign changes at the surface only: within the radius, or the value at the centre.
+            None if self.is_coherent(centre, radius) => {
+                let v = if self.contains(centre) { -d } else { d };
+                Interval::new(v - radius, v + radius)
+            }
+            None => Interval::new(-d - radius, d + radius),
+        }
+    }
+
+    fn fill(&self, lattice: &SampleLattice<WorldPoint>, out: &mut [f32]) {
+        if lattice.is_empty() {
+            return;
+        }
+        let span = lattice.span();
+        let (centre, radius) = (span.centre().0, span.half_diagonal());
+        let (at_centre, slot) = self.surface.closest(centre, None);
+        let hint = (slot != usize::MAX).then_some(slot);
+        // A little more, so that samples on the box's corners are held too.
+        let settled = self.settled(centre, radius * (1.0 + 1e-9), at_centre.distance);
+        let coherent = settled.is_none() && self.is_coherent(centre, radius * (1.0 + 1e-9));
+        let [_, ny, nz] = lattice.counts;
+        let reach = lattice.step * (1.0 + 1e-9);
+        let strides = [1, nz, ny * nz];
+        let mut distances = vec![0f64; lattice.len()];
+        let mut slots = vec![usize::MAX; lattice.len()];
+        for n in 0..lattice.len() {
+            let p = lattice.point(n).0;
+            // The neighbour before on the fastest axis there is one on.
+            let place = [n % nz, n / nz % ny, n / (ny * nz)];
+            let before = (0..3).filter(|&a| place[a] > 0).map(|a| n - strides[a]);
+            let near = before.clone().next().map_or(hint, |m| Some(slots[m]));
+            let (c, slot) = self.surface.closest(p, near.filter(|&s| s != usize::MAX));
+            distances[n] = c.distance;
+            slots[n] = slot;
+            let inside = settled.unwrap_or_else(|| {
+                // Between two samples whose distances exceed their step no surface can pass.
+                let same = before
+                    .clone()
+                    .find(|&m| coherent && distances[m] + c.distance > reach);
+                same.map_or_else(|| self.contains(p), |m| out[m].is_sign_negative())
+            });
+            out[n] = if inside { -c.distance } else { c.distance } as f32;
+        }
+    }
+}

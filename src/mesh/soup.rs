@@ -1,0 +1,140 @@
+//! Triangles in tree order with their hierarchy: what distance and winding number search.
+
+use super::bvh::{Bvh, Local};
+use super::triangle::closest_point;
+use crate::frame::{Aabb, Vec3};
+
+/// A point of a surface nearest to a query.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Closest {
+    /// Distance, not negative; infinite if there is no triangle.
+    pub distance: f64,
+    /// The point on the surface.
+    pub point: Vec3,
+    /// Number of a triangle that holds it, the least of those tried at the same distance;
+    /// `u32::MAX` if there is none.
+    pub triangle: u32,
+}
+
+impl Closest {
+    pub(crate) const NOTHING: Self = Self {
+        distance: f64::INFINITY,
+        point: Vec3::new(f64::INFINITY, f64::INFINITY, f64::INFINITY),
+        triangle: u32::MAX,
+    };
+}
+
+/// A disc around a triangle in its plane, in the tree's local frame: a much closer bound of distance
+/// than a box for a triangle seen from far along its normal.
+#[derive(Clone, Copy)]
+struct Disc {
+    centre: [f32; 3],
+    /// Unit normal; zero makes a ball of the disc.
+    normal: [f32; 3],
+    radius: f32,
+}
+
+impl Disc {
+    fn around(t: &[Vec3; 3], local: Local) -> Self {
+        let [a, b, c] = t.map(|p| local.point(p));
+        let centre = (a + b + c) / 3.0;
+        let radius = [a, b, c]
+            .iter()
+            .map(|p| (p - centre).norm())
+            .fold(0.0, f64::max);
+        let n = (b - a).cross(&(c - a));
+        // The normal of a needle is not known well enough.
+        let normal = if n.norm() > 1e-6 * radius * radius {
+            n.normalize()
+        } else {
+            Vec3::zeros()
+        };
+        Self {
+            centre: [centre.x as f32, centre.y as f32, centre.z as f32],
+            normal: [normal.x as f32, normal.y as f32, normal.z as f32],
+            radius: radius as f32,
+        }
+    }
+
+    /// Whether the whole disc is farther from `p` than `reach`, rounding considered.
+    fn is_beyond(&self, p: [f32; 3], reach: f32) -> bool {
+        let mut d2 = 0.0;
+        let mut height = 0.0;
+        for a in 0..3 {
+            let d = p[a] - self.centre[a];
+            d2 += d * d;
+            height += d * self.normal[a];
+        }
+        // Relative rounding of distances, absolute of places in [-1, 1], and of the normal over the
+        // disc.
+        let reach = reach * (1.0 + 4e-6) + 1e-6 * self.radius + 6e-7;
+        let room = reach * reach - height * height;
+        // sqrt(d2 - height^2) > radius + sqrt(room), without the roots where possible.
+        let across2 = d2 - height * height;
+        room < 0.0 || {
+            let wide = self.radius + room.sqrt();
+            across2 > wide * wide
+        }
+    }
+}
+
+/// Triangles by slot, their numbers, and the tree over them.
+pub(crate) struct Soup {
+    pub(crate) bvh: Bvh,
+    pub(crate) corners: Vec<[Vec3; 3]>,
+    /// The number each slot's triangle has outside.
+    pub(crate) number: Vec<u32>,
+    discs: Vec<Disc>,
+}
+
+impl Soup {
+    /// Triangles with their numbers.
+    pub(crate) fn new(triangles: &[([Vec3; 3], u32)]) -> Self {
+        let bvh = Bvh::new(triangles.len(), |i| Aabb::of(triangles[i].0));
+        let at = |slot: &u32| triangles[*slot as usize];
+        let corners: Vec<_> = bvh.order().iter().map(|s| at(s).0).collect();
+        Self {
+            discs: corners
+                .iter()
+                .map(|t| Disc::around(t, bvh.local()))
+                .collect(),
+            corners,
+            number: bvh.order().iter().map(|s| at(s).1).collect(),
+            bvh,
+        }
+    }
+
+    /// The closest point, not farther than that of the slot `hint` if there is one; gives its slot.
+    pub(crate) fn closest(&self, p: Vec3, hint: Option<usize>) -> (Closest, usize) {
+        let mut found = (Closest::NOTHING, usize::MAX);
+        let mut squared = f64::INFINITY;
+        let mut reach = f32::INFINITY;
+        let local = self.bvh.local();
+        let q = local.point(p);
+        let q = [q.x as f32, q.y as f32, q.z as f32];
+        let mut try_slot = |slot: usize| {
+            if self.discs[slot].is_beyond(q, reach) {
+                return None;
+            }
+            let point = closest_point(&self.corners[slot], p);
+            let d2 = (point - p).norm_squared();
+            let number = self.number[slot];
+            if d2 < squared || (d2 == squared && number < found.0.triangle) {
+                squared = d2;
+                reach = local.length(d2.sqrt()) as f32;
+                found = (
+                    Closest {
+                        distance: d2.sqrt(),
+                        point,
+                        triangle: number,
+                    },
+                    slot,
+                );
+            }
+            (number == found.0.triangle).then_some(found.0.distance)
+        };
+        let best = hint.and_then(&mut try_slot);
+        self.bvh.nearest(p, best.unwrap_or(f64::INFINITY), try_slot);
+        found
+    }
+}

@@ -1,0 +1,110 @@
+//! One triangle: its closest point and the solid angle it subtends.
+
+use crate::frame::Vec3;
+
+/// The point of a segment closest to `p`.
+fn on_segment([a, b]: [Vec3; 2], p: Vec3) -> Vec3 {
+    let ab = b - a;
+    let length2 = ab.norm_squared();
+    let t = if length2 > 0.0 {
+        ab.dot(&(p - a)) / length2
+    } else {
+        0.0
+    };
+    if t >= 1.0 { b } else { a + ab * t.max(0.0) }
+}
+
+/// The point of the closed triangle closest to `p` (Ericson, Real-Time Collision Detection, 5.1.5);
+/// triangles without area count as their sides.
+pub(crate) fn closest_point(&[a, b, c]: &[Vec3; 3], p: Vec3) -> Vec3 {
+    let (ab, ac, ap) = (b - a, c - a, p - a);
+    let (d1, d2) = (ab.dot(&ap), ac.dot(&ap));
+    if d1 <= 0.0 && d2 <= 0.0 {
+        return a;
+    }
+    let bp = p - b;
+    let (d3, d4) = (ab.dot(&bp), ac.dot(&bp));
+    if d3 >= 0.0 && d4 <= d3 {
+        return b;
+    }
+    let cp = p - c;
+    let (d5, d6) = (ab.dot(&cp), ac.dot(&cp));
+    if d6 >= 0.0 && d5 <= d6 {
+        return c;
+    }
+    // Squared sides, from the same products: |ab|^2 = d1 - d3, |ac|^2 = d2 - d6.
+    let (ab2, ac2) = (d1 - d3, d2 - d6);
+    let vc = d1 * d4 - d3 * d2;
+    let vb = d5 * d2 - d1 * d6;
+    let va = d3 * d6 - d5 * d4;
+    let total = va + vb + vc;
+    // |ab x ac|^2 lost in rounding: a needle, whose inside cannot be told.
+    if total.is_nan() || total <= 1e-12 * ab2 * ac2 {
+        let sides = [[a, b], [b, c], [c, a]].map(|s| on_segment(s, p));
+        let nearer = |m: Vec3, q: Vec3| {
+            if (q - p).norm_squared() < (m - p).norm_squared() {
+                q
+            } else {
+                m
+            }
+        };
+        return nearer(nearer(sides[0], sides[1]), sides[2]);
+    }
+    if vc <= 0.0 && d1 >= 0.0 && d3 <= 0.0 {
+        return a + ab * (d1 / ab2);
+    }
+    if vb <= 0.0 && d2 >= 0.0 && d6 <= 0.0 {
+        return a + ac * (d2 / ac2);
+    }
+    let (from_b, from_c) = (d4 - d3, d5 - d6);
+    if va <= 0.0 && from_b >= 0.0 && from_c >= 0.0 {
+        return b + (c - b) * (from_b / (from_b + from_c));
+    }
+    a + ab * (vb / total) + ac * (vc / total)
+}
+
+/// A sum of solid angles, kept as a complex number and full turns so that one arctangent serves all.
+pub(crate) struct SolidAngle {
+    re: f64,
+    im: f64,
+    /// Full turns that the argument left behind.
+    turns: f64,
+}
+
+impl SolidAngle {
+    pub(crate) const ZERO: Self = Self {
+        re: 1.0,
+        im: 0.0,
+        turns: 0.0,
+    };
+
+    /// Adds the solid angle of a triangle seen from `q`, positive when its winding is clockwise from
+    /// there, that is from inside (Van Oosterom and Strackee 1983: tan(angle / 2) = n / d).
+    pub(crate) fn add(&mut self, t: &[Vec3; 3], q: Vec3) {
+        let [a, b, c] = t.map(|v| v - q);
+        let (la, lb, lc) = (a.norm(), b.norm(), c.norm());
+        let im = a.dot(&b.cross(&c));
+        let re = la * lb * lc + a.dot(&b) * lc + b.dot(&c) * la + c.dot(&a) * lb;
+        let size = re.abs() + im.abs();
+        // On a corner or a side the angle is undefined; it counts nothing.
+        if size <= f64::MIN_POSITIVE || !size.is_finite() {
+            return;
+        }
+        let (re, im) = (re / size, im / size);
+        let product = (self.re * re - self.im * im, self.re * im + self.im * re);
+        // Both angles lie in (-pi, pi]; a sum of equal signs that left this range has changed sign.
+        if self.im >= 0.0 && im >= 0.0 && product.1 < 0.0 {
+            self.turns += 1.0;
+        } else if self.im < 0.0 && im < 0.0 && product.1 >= 0.0 {
+            self.turns -= 1.0;
+        }
+        let size = product.0.abs() + product.1.abs();
+        self.re = product.0 / size;
+        self.im = product.1 / size;
+    }
+
+    /// The sum as a winding number: solid angle / 4 pi.
+    pub(crate) fn winding(&self) -> f64 {
+        self.im.atan2(self.re) / std::f64::consts::TAU + self.turns
+    }
+}
