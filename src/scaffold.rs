@@ -1,1 +1,305 @@
 //! Scaffolds: unstructured meshes of solid elements, with their maps.
+//!
+//! A scaffold owns nodes in world units and elements of the kinds in [`Kind`], nodes in VTK order.
+//! Each element maps its reference cell (see [`crate::frame::Element`]) into the world by
+//! x = F(xi) = sum `N_a(xi)` `X_a`; [`ElementMap`] evaluates it and its inverse. Elements that share
+//! a face by its corner nodes are neighbours; face-connected elements form a component.
+//!
+//! Numbers of elements and nodes count from 0 in the order given. Negative Jacobians of one sign
+//! are harmless (mirror numbering); Jacobians that change sign are found by
+//! [`Scaffold::validate`].
+//!
+//! ```
+//! use druse::frame::{CellPoint, Vec3, WorldPoint};
+//! use druse::scaffold::{Kind, Scaffold};
+//! let s = Scaffold::box_grid(Vec3::new(2.0, 1.0, 1.0), [2, 1, 1], Kind::Hex8).unwrap();
+//! let (element, xi) = s.locate(WorldPoint(Vec3::new(1.5, 0.5, 0.75))).unwrap();
+//! assert_eq!(element, 1);
+//! assert!((xi.0 - Vec3::new(0.0, 0.0, 0.25)).norm() < 1e-12);
+//! assert_eq!(s.element(1).map(CellPoint(Vec3::zeros())).0, Vec3::new(1.5, 0.5, 0.5));
+//! ```
+
+mod bernstein;
+mod bvh;
+mod cell_box;
+mod grid;
+mod kind;
+mod map;
+mod orientation;
+mod topology;
+
+pub use kind::{FaceNodes, Kind};
+pub use map::{ElementMap, InverseError};
+pub use orientation::Orientation;
+pub use topology::{FaceRef, Neighbour};
+
+use crate::frame::{Aabb, CellPoint, Vec3, WorldPoint};
+use bvh::Bvh;
+use map::Geometry;
+use rayon::prelude::*;
+use topology::Topology;
+
+/// Coordinates beyond this are taken for corrupt data: the squares of single precision overflow.
+const LARGEST: f64 = 1e18;
+/// How far outside an element's face planes a point still belongs to it, in the cell frame.
+pub const INSIDE: f64 = 1e-9;
+
+/// What makes nodes and elements no scaffold.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum ScaffoldError {
+    /// Nothing to fill.
+    #[error("no solid elements; expected at least one tetrahedron or hexahedron")]
+    Empty,
+    /// Too many to number.
+    #[error("{found} {what}; at most {} are supported", u32::MAX - 1)]
+    TooMany {
+        /// How many.
+        found: usize,
+        /// Nodes or elements.
+        what: &'static str,
+    },
+    /// An element with too few or too many nodes.
+    #[error("element {element} ({}): {found} nodes; expected {}", kind.name(), kind.node_count())]
+    NodeCount {
+        /// The element's number.
+        element: usize,
+        /// Its kind.
+        kind: Kind,
+        /// Nodes given.
+        found: usize,
+    },
+    /// A node number beyond the nodes.
+    #[error("element {element} ({}): node {node} does not exist; there are {nodes} nodes", kind.name())]
+    NoSuchNode {
+        /// The element's number.
+        element: usize,
+        /// Its kind.
+        kind: Kind,
+        /// The node's number.
+        node: u32,
+        /// How many nodes there are.
+        nodes: usize,
+    },
+    /// A node with a coordinate that is no usable number.
+    #[error("node {node}: coordinates ({}, {}, {}); expected finite numbers below 1e18", at[0], at[1], at[2])]
+    BadNode {
+        /// The node's number.
+        node: usize,
+        /// Its coordinates.
+        at: [f64; 3],
+    },
+    /// The size or the counts of a box are unusable.
+    #[error(
+        "box of {size:?} in {counts:?} cells; expected positive sizes and at least one cell per axis"
+    )]
+    BadBox {
+        /// Edge lengths in world units.
+        size: [f64; 3],
+        /// Cells per axis.
+        counts: [usize; 3],
+    },
+    /// A box of elements that no grid makes.
+    #[error("a box of {} elements; expected Hex8 or Tet4", .0.name())]
+    BadBoxKind(Kind),
+}
+
+/// Elements by kind and node numbers, in order.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Connectivity {
+    kinds: Vec<Kind>,
+    /// End of each element's nodes.
+    ends: Vec<usize>,
+    nodes: Vec<u32>,
+}
+
+impl Connectivity {
+    /// Appends an element; `nodes` in VTK order.
+    pub fn push(&mut self, kind: Kind, nodes: &[u32]) {
+        self.kinds.push(kind);
+        self.nodes.extend_from_slice(nodes);
+        self.ends.push(self.nodes.len());
+    }
+
+    /// Number of elements.
+    pub fn len(&self) -> usize {
+        self.kinds.len()
+    }
+
+    /// Whether there is none.
+    pub fn is_empty(&self) -> bool {
+        self.kinds.is_empty()
+    }
+
+    /// Kind of an element.
+    pub fn kind(&self, element: usize) -> Kind {
+        self.kinds[element]
+    }
+
+    /// Node numbers of an element.
+    pub fn nodes(&self, element: usize) -> &[u32] {
+        let start = if element == 0 {
+            0
+        } else {
+            self.ends[element - 1]
+        };
+        &self.nodes[start..self.ends[element]]
+    }
+}
+
+/// Nodes and elements with their maps, faces and a search tree; fixed once made.
+///
+/// Holds: at least one element; node numbers exist; coordinates are finite.
+pub struct Scaffold {
+    nodes: Vec<Vec3>,
+    elements: Connectivity,
+    geometry: Vec<Geometry>,
+    bounds: Aabb,
+    tree: Bvh,
+    topology: Topology,
+}
+
+impl Scaffold {
+    /// A scaffold of these nodes (world units) and elements.
+    ///
+    /// # Errors
+    /// Any [`ScaffoldError`] but those of a box. Folded, duplicate or disconnected elements are no
+    /// error here: [`Scaffold::validate`] judges the shape of things.
+    pub fn new(nodes: Vec<Vec3>, elements: Connectivity) -> Result<Self, ScaffoldError> {
+        check(&nodes, &elements)?;
+        let geometry: Vec<Geometry> = (0..elements.len())
+            .into_par_iter()
+            .map(|e| {
+                let points: Vec<Vec3> = elements
+                    .nodes(e)
+                    .iter()
+                    .map(|&n| nodes[n as usize])
+                    .collect();
+                Geometry::new(elements.kind(e), &points)
+            })
+            .collect();
+        let boxes: Vec<Aabb> = geometry.iter().map(|g| g.bounds).collect();
+        Ok(Self {
+            bounds: boxes.iter().fold(Aabb::EMPTY, |a, b| a.union(*b)),
+            tree: Bvh::new(&boxes),
+            topology: Topology::new(&elements),
+            nodes,
+            elements,
+            geometry,
+        })
+    }
+
+    /// Node coordinates, world units.
+    pub fn nodes(&self) -> &[Vec3] {
+        &self.nodes
+    }
+
+    /// Number of elements.
+    pub fn len(&self) -> usize {
+        self.elements.len()
+    }
+
+    /// Never: a scaffold has at least one element.
+    pub fn is_empty(&self) -> bool {
+        self.elements.is_empty()
+    }
+
+    /// Kinds and node numbers.
+    pub fn connectivity(&self) -> &Connectivity {
+        &self.elements
+    }
+
+    /// One element with its map.
+    pub fn element(&self, element: usize) -> ElementMap<'_> {
+        ElementMap {
+            index: element,
+            kind: self.elements.kind(element),
+            nodes: self.elements.nodes(element),
+            geometry: &self.geometry[element],
+        }
+    }
+
+    /// All elements, in order.
+    pub fn elements(&self) -> impl Iterator<Item = ElementMap<'_>> {
+        (0..self.len()).map(|e| self.element(e))
+    }
+
+    /// A box around all elements, curved ones included.
+    pub fn bounds(&self) -> Aabb {
+        self.bounds
+    }
+
+    /// Replaces `found` by the elements whose bounds meet the box, ascending.
+    pub fn candidates(&self, region: &Aabb, found: &mut Vec<u32>) {
+        found.clear();
+        self.tree.visit(region, |e| {
+            if self.geometry[e as usize].bounds.meets(*region) {
+                found.push(e);
+            }
+        });
+        found.sort_unstable();
+    }
+
+    /// The lowest element that contains the point within 1e-9 of its cell's face planes, with the
+    /// point in its cell.
+    pub fn locate(&self, p: WorldPoint) -> Option<(u32, CellPoint<3>)> {
+        let mut best: Option<(u32, CellPoint<3>)> = None;
+        // Points on the hull of the bounds may be rounded out of them.
+        let margin = 1e-12 * self.bounds.half_diagonal();
+        self.tree.visit(&Aabb::of([p.0]).dilated(margin), |e| {
+            if best.is_none_or(|(least, _)| e < least) {
+                if let Some(xi) = self.element(e as usize).inverse_inside(p, INSIDE) {
+                    best = Some((e, xi));
+                }
+            }
+        });
+        best
+    }
+
+    /// Bounds of the singular values of dx/dxi over all elements, world units.
+    pub fn stretch(&self) -> (f64, f64) {
+        self.geometry
+            .iter()
+            .fold((f64::INFINITY, 0.0), |(low, high), g| {
+                (g.stretch.0.min(low), g.stretch.1.max(high))
+            })
+    }
+}
+
+fn check(nodes: &[Vec3], elements: &Connectivity) -> Result<(), ScaffoldError> {
+    if elements.is_empty() {
+        return Err(ScaffoldError::Empty);
+    }
+    for (found, what) in [(nodes.len(), "nodes"), (elements.len(), "elements")] {
+        if found >= u32::MAX as usize {
+            return Err(ScaffoldError::TooMany { found, what });
+        }
+    }
+    if let Some(node) = nodes
+        .iter()
+        .position(|p| !p.iter().all(|c| c.abs() < LARGEST))
+    {
+        return Err(ScaffoldError::BadNode {
+            node,
+            at: nodes[node].into(),
+        });
+    }
+    for element in 0..elements.len() {
+        let (kind, own) = (elements.kind(element), elements.nodes(element));
+        if own.len() != kind.node_count() {
+            return Err(ScaffoldError::NodeCount {
+                element,
+                kind,
+                found: own.len(),
+            });
+        }
+        if let Some(&node) = own.iter().find(|&&n| n as usize >= nodes.len()) {
+            return Err(ScaffoldError::NoSuchNode {
+                element,
+                kind,
+                node,
+                nodes: nodes.len(),
+            });
+        }
+    }
+    Ok(())
+}

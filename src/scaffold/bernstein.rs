@@ -1,0 +1,394 @@
+//! Polynomials over the reference cell in Bernstein form: what bounds curved elements rigorously.
+//!
+//! A polynomial over a simplex or a cube is a convex combination of its Bernstein coefficients, so
+//! their hull contains its range; splitting the cell tightens the hull quadratically. Parametric
+//! coordinates r in `[0, 1]^3`: barycentrics (1 - r1 - r2 - r3, r1, r2, r3) on the simplex. The
+//! integral is the mean coefficient times the cell's volume.
+
+use super::kind::Family;
+use crate::frame::Vec3;
+use nalgebra::DMatrix;
+use std::ops::{Add, Mul, Sub};
+use std::sync::OnceLock;
+
+/// What a coefficient can be: numbers, vectors, matrices.
+pub(super) trait Coefficient:
+    Copy + Add<Output = Self> + Sub<Output = Self> + Mul<f64, Output = Self>
+{
+}
+impl<T> Coefficient for T where T: Copy + Add<Output = T> + Sub<Output = T> + Mul<f64, Output = T> {}
+
+/// A polynomial of the given degree (per axis for cubes, in total for simplices).
+#[derive(Clone, Debug)]
+pub(super) struct Net<T> {
+    pub family: Family,
+    pub degree: usize,
+    /// First parameter fastest; the simplex keeps i + j + k <= degree.
+    pub coefficients: Vec<T>,
+}
+
+/// Vertex pairs of the simplex, in the order that numbers its splits.
+const SIMPLEX_EDGES: [[usize; 2]; 6] = [[0, 1], [1, 2], [2, 0], [0, 3], [1, 3], [2, 3]];
+
+/// The exponents of every basis function, in the order of the coefficients.
+pub(super) fn lattice(family: Family, degree: usize) -> impl Iterator<Item = [usize; 3]> {
+    let n = degree;
+    (0..=n).flat_map(move |k| {
+        (0..=family.room(n, k)).flat_map(move |j| {
+            let last = match family {
+                Family::Simplex => n - k - j,
+                Family::Tensor => n,
+            };
+            (0..=last).map(move |i| [i, j, k])
+        })
+    })
+}
+
+/// The place of a basis function among the coefficients.
+pub(super) fn index(family: Family, n: usize, [i, j, k]: [usize; 3]) -> usize {
+    match family {
+        Family::Tensor => i + (n + 1) * (j + (n + 1) * k),
+        Family::Simplex => {
+            let layer = |m: usize| (m + 1) * (m + 2) * (m + 3) / 6;
+            let m = n - k;
+            layer(n) - layer(m) + j * (m + 1) - j * j.saturating_sub(1) / 2 + i
+        }
+    }
+}
+
+/// Number of coefficients.
+pub(super) fn count(family: Family, degree: usize) -> usize {
+    let n = degree + 1;
+    match family {
+        Family::Simplex => n * (n + 1) * (n + 2) / 6,
+        Family::Tensor => n * n * n,
+    }
+}
+
+fn binomial(n: usize, k: usize) -> f64 {
+    (0..k).fold(1.0, |b, i| b * (n - i) as f64 / (i + 1) as f64)
+}
+
+/// Values at the equidistant lattice to Bernstein coefficients: on a line, or on the simplex.
+fn collocation(family: Family, degree: usize) -> &'static DMatrix<f64> {
+    static TABLES: [[OnceLock<DMatrix<f64>>; 6]; 2] = [const { [const { OnceLock::new() }; 6] }; 2];
+    TABLES[family as usize][degree].get_or_init(|| {
+        let n = degree;
+        let at = |i: usize| i as f64 / n.max(1) as f64;
+        let basis = match family {
+            Family::Tensor => DMatrix::from_fn(n + 1, n + 1, |row, i| {
+                let t = at(row);
+                binomial(n, i) * t.powi(i as i32) * (1.0 - t).powi((n - i) as i32)
+            }),
+            Family::Simplex => {
+                let points: Vec<_> = lattice(family, n).collect();
+                DMatrix::from_fn(points.len(), points.len(), |row, column| {
+                    let r = points[row].map(at);
+                    let l = if n == 0 {
+                        1.0
+                    } else {
+                        1.0 - r[0] - r[1] - r[2]
+                    };
+                    let [i, j, k] = points[column];
+                    binomial(n, i)
+                        * binomial(n - i, j)
+                        * binomial(n - i - j, k)
+                        * r[0].powi(i as i32)
+                        * r[1].powi(j as i32)
+                        * r[2].powi(k as i32)
+                        * l.max(0.0).powi((n - i - j - k) as i32)
+                })
+            }
+        };
+        basis
+            .try_inverse()
+            .expect("Bernstein collocation at distinct points is regular")
+    })
+}
+
+impl<T: Coefficient> Net<T> {
+    /// The polynomial of this degree with these values at the equidistant lattice points.
+    pub fn interpolating(family: Family, degree: usize, mut values: Vec<T>) -> Self {
+        let c = collocation(family, degree);
+        let combine = |row: usize, get: &dyn Fn(usize) -> T| {
+            (1..c.ncols()).fold(get(0) * c[(row, 0)], |s, j| s + get(j) * c[(row, j)])
+        };
+        match family {
+            Family::Simplex => {
+                values = (0..c.nrows())
+                    .map(|row| combine(row, &|j| values[j]))
+                    .collect();
+            }
+            Family::Tensor => {
+                let n = degree + 1;
+                for stride in [1, n, n * n] {
+                    values = (0..values.len())
+                        .map(|at| {
+                            let row = at / stride % n;
+                            let start = at - row * stride;
+                            combine(row, &|j| values[start + j * stride])
+                        })
+                        .collect();
+                }
+            }
+        }
+        Self {
+            family,
+            degree,
+            coefficients: values,
+        }
+    }
+
+    /// The polynomial that `f` is, sampled at parametric coordinates.
+    pub fn of(family: Family, degree: usize, f: impl Fn(Vec3) -> T) -> Self {
+        let scale = 1.0 / degree.max(1) as f64;
+        let values = lattice(family, degree)
+            .map(|p| f(Vec3::from(p.map(|i| i as f64 * scale))))
+            .collect();
+        Self::interpolating(family, degree, values)
+    }
+
+    /// The mean over the cell.
+    pub fn mean(&self) -> T {
+        let c = &self.coefficients;
+        c[1..].iter().fold(c[0], |s, &x| s + x) * (1.0 / c.len() as f64)
+    }
+
+    /// Coefficients at the cell's vertices, which are values of the polynomial, with the vertices.
+    pub fn corners(&self) -> Vec<(T, Vec3)> {
+        let n = self.degree;
+        lattice(self.family, 1)
+            .map(|p| {
+                let c = self.coefficients[index(self.family, n, p.map(|i| i * n))];
+                (c, Vec3::from(p.map(|i| i as f64)))
+            })
+            .collect()
+    }
+
+    /// The derivative by a parametric coordinate; cubes keep the degree on the other axes.
+    pub fn derivative(&self, axis: usize) -> Vec<T> {
+        let n = self.degree;
+        let c = &self.coefficients;
+        let up = |p: [usize; 3], a: usize| {
+            let mut q = p;
+            q[a] += 1;
+            index(self.family, n, q)
+        };
+        match self.family {
+            Family::Simplex => lattice(self.family, n - 1)
+                .map(|p| (c[up(p, axis)] - c[index(self.family, n, p)]) * n as f64)
+                .collect(),
+            Family::Tensor => lattice(self.family, n)
+                .filter(|p| p[axis] < n)
+                .map(|p| (c[up(p, axis)] - c[index(self.family, n, p)]) * n as f64)
+                .collect(),
+        }
+    }
+
+    /// Both halves of the polynomial, each over its half of the cell as a cell of its own: cut
+    /// across an axis of the cube, or in the middle of an edge of the simplex.
+    pub fn split(&self, way: usize) -> [Self; 2] {
+        match self.family {
+            Family::Tensor => self.split_axis(way),
+            Family::Simplex => {
+                let [a, b] = SIMPLEX_EDGES[way];
+                [self.with_midpoint(b, a), self.with_midpoint(a, b)]
+            }
+        }
+    }
+
+    fn split_axis(&self, axis: usize) -> [Self; 2] {
+        let n = self.degree;
+        let stride = (n + 1).pow(axis as u32);
+        let (mut low, mut high) = (self.clone(), self.clone());
+        for start in 0..self.coefficients.len() {
+            if start / stride % (n + 1) != 0 {
+                continue;
+            }
+            let at = |i: usize| start + i * stride;
+            // De Casteljau in place: `high` holds the diagonal, `low` collects its first entries.
+            for level in 0..=n {
+                low.coefficients[at(level)] = high.coefficients[at(0)];
+                for i in 0..n - level {
+                    high.coefficients[at(i)] =
+                        (high.coefficients[at(i)] + high.coefficients[at(i + 1)]) * 0.5;
+                }
+            }
+        }
+        [low, high]
+    }
+
+    /// The same polynomial over the simplex whose vertex `gone` has moved to the middle of its edge
+    /// to `kept`.
+    fn with_midpoint(&self, gone: usize, kept: usize) -> Self {
+        let n = self.degree;
+        let coefficients = lattice(self.family, n)
+            .map(|p| {
+                let mut bary = [n - p[0] - p[1] - p[2], p[0], p[1], p[2]];
+                let m = bary[gone];
+                let total = bary[gone] + bary[kept];
+                let scale = 0.5f64.powi(m as i32);
+                let mut term = |k: usize| {
+                    bary[kept] = total - m + k;
+                    bary[gone] = m - k;
+                    let c = self.coefficients[index(self.family, n, [bary[1], bary[2], bary[3]])];
+                    c * (scale * binomial(m, k))
+                };
+                let first = term(0);
+                (1..=m).fold(first, |s, k| s + term(k))
+            })
+            .collect();
+        Self {
+            coefficients,
+            ..*self
+        }
+    }
+}
+
+impl Net<f64> {
+    /// Least and greatest coefficient: they bound the polynomial.
+    pub fn range(&self) -> (f64, f64) {
+        self.coefficients
+            .iter()
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), &c| {
+                (a.min(c), b.max(c))
+            })
+    }
+}
+
+/// A part of the reference cell made by splitting: the vertices it spans, parametric.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Part {
+    Simplex([Vec3; 4]),
+    Tensor(Vec3, Vec3),
+}
+
+impl Part {
+    /// The whole cell.
+    pub fn whole(family: Family) -> Self {
+        match family {
+            Family::Simplex => Self::Simplex([Vec3::zeros(), Vec3::x(), Vec3::y(), Vec3::z()]),
+            Family::Tensor => Self::Tensor(Vec3::zeros(), Vec3::repeat(1.0)),
+        }
+    }
+
+    /// The split that keeps the parts round.
+    pub fn longest(&self) -> usize {
+        let first_longest = |lengths: &mut dyn Iterator<Item = f64>| {
+            let (mut best, mut way) = (0.0, 0);
+            for (i, l) in lengths.enumerate() {
+                if l > best * (1.0 + 1e-9) {
+                    (best, way) = (l, i);
+                }
+            }
+            way
+        };
+        match self {
+            // Lengths in the regular tetrahedron, where |(a, b, c)|^2 = a^2 + b^2 + c^2 + ab + bc + ca.
+            Self::Simplex(v) => first_longest(&mut SIMPLEX_EDGES.iter().map(|&[a, b]| {
+                let d = v[b] - v[a];
+                d.norm_squared() + d.x * d.y + d.y * d.z + d.z * d.x
+            })),
+            Self::Tensor(min, max) => first_longest(&mut (0..3).map(|a| max[a] - min[a])),
+        }
+    }
+
+    /// Both halves, in the order of [`Net::split`].
+    pub fn split(&self, way: usize) -> [Self; 2] {
+        let mut halves = [*self; 2];
+        match self {
+            Self::Simplex(v) => {
+                let [a, b] = SIMPLEX_EDGES[way];
+                let middle = (v[a] + v[b]) / 2.0;
+                for (half, gone) in halves.iter_mut().zip([b, a]) {
+                    if let Self::Simplex(w) = half {
+                        w[gone] = middle;
+                    }
+                }
+            }
+            Self::Tensor(min, max) => {
+                let middle = f64::midpoint(min[way], max[way]);
+                let (mut high_min, mut low_max) = (*min, *max);
+                high_min[way] = middle;
+                low_max[way] = middle;
+                halves = [Self::Tensor(*min, low_max), Self::Tensor(high_min, *max)];
+            }
+        }
+        halves
+    }
+
+    /// A point of the whole cell from coordinates within the part.
+    pub fn place(&self, r: Vec3) -> Vec3 {
+        match self {
+            Self::Simplex(v) => {
+                v[0] + (v[1] - v[0]) * r.x + (v[2] - v[0]) * r.y + (v[3] - v[0]) * r.z
+            }
+            Self::Tensor(min, max) => min + (max - min).component_mul(&r),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A cubic in total degree, so exact on both families at degree 3.
+    fn cubic(r: Vec3) -> f64 {
+        1.0 + r.x - 2.0 * r.y * r.z + 3.0 * r.x * r.y * r.z - r.z * r.z * r.x + r.y.powi(3)
+    }
+
+    fn evaluate(net: &Net<f64>, r: Vec3) -> f64 {
+        let n = net.degree;
+        lattice(net.family, n)
+            .zip(&net.coefficients)
+            .map(|([i, j, k], c)| {
+                let power = |t: f64, i: usize| t.powi(i as i32);
+                c * match net.family {
+                    Family::Simplex => {
+                        let l = 1.0 - r.x - r.y - r.z;
+                        binomial(n, i)
+                            * binomial(n - i, j)
+                            * binomial(n - i - j, k)
+                            * power(r.x, i)
+                            * power(r.y, j)
+                            * power(r.z, k)
+                            * power(l, n - i - j - k)
+                    }
+                    Family::Tensor => {
+                        let b = |t: f64, i| binomial(n, i) * power(t, i) * power(1.0 - t, n - i);
+                        b(r.x, i) * b(r.y, j) * b(r.z, k)
+                    }
+                }
+            })
+            .sum()
+    }
+
+    #[test]
+    fn coefficients_reproduce_the_polynomial_and_splitting_keeps_it() {
+        for family in [Family::Simplex, Family::Tensor] {
+            let net = Net::of(family, 3, cubic);
+            assert_eq!(net.coefficients.len(), count(family, 3));
+            for (place, p) in lattice(family, 3).enumerate() {
+                assert_eq!(index(family, 3, p), place);
+            }
+            let r = Vec3::new(0.2, 0.3, 0.15);
+            assert!((evaluate(&net, r) - cubic(r)).abs() < 1e-13);
+            let ways = if family == Family::Tensor { 3 } else { 6 };
+            for way in 0..ways {
+                let parts = Part::whole(family).split(way);
+                for (half, part) in net.split(way).iter().zip(parts) {
+                    assert!((evaluate(half, r) - cubic(part.place(r))).abs() < 1e-13);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn mean_is_the_integral() {
+        // Integral of x over the unit simplex is 1/24, its volume 1/6.
+        let net = Net::of(Family::Simplex, 2, |r| r.x);
+        assert!((net.mean() / 6.0 - 1.0 / 24.0).abs() < 1e-15);
+        let net = Net::of(Family::Tensor, 3, |r| r.x.powi(3) * r.y);
+        assert!((net.mean() - 1.0 / 8.0).abs() < 1e-14);
+    }
+}

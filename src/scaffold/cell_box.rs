@@ -1,0 +1,223 @@
+//! Which part of an element lies in a world box: what culling evaluates the unit cell over.
+//!
+//! For xi, `xi_c` in a convex part of the cell, F(xi) = F(`xi_c`) + J (xi - `xi_c`) + q with
+//! |`q_i`| <= 1/2 sum `M_ijk` `R_j` `R_k`, where M bounds the second derivatives over the part and
+//! R = |xi - `xi_c`| per axis. So F(xi) in the box c +- h implies
+//! |xi - `xi_c` - Y (c - F(`xi_c`))| <= |Y| (h + q), Y = J^-1: repeated around the new middle this
+//! contracts quadratically. Where it does not (strong curvature), the part is split, and halves
+//! whose control points miss the box are dropped.
+
+use super::bernstein::{Net, Part};
+use super::kind::Kind;
+use super::map::{Affine, Curved, ElementMap, Map, PAIRS, bend};
+use crate::frame::{Aabb, CellBox, CellPoint, Element, Mat3, Vec3};
+
+/// Splits of one part at most.
+const DEPTH: usize = 12;
+/// Relative growth that covers rounding.
+const ROUNDING: f64 = 1e-12;
+
+impl ElementMap<'_> {
+    /// A box in the cell frame around every point of the closed reference cell that maps into
+    /// `world`; `None` proves that there is none. Tight for small boxes: the preimage's own
+    /// bounding box, a little larger on curved elements.
+    pub fn cell_box(&self, world: &Aabb) -> Option<CellBox<3>> {
+        if !self.bounds().meets(*world) {
+            return None;
+        }
+        match &self.geometry.map {
+            Map::Affine(a) => of_affine(self.shape(), a, world),
+            Map::Curved(c) => {
+                let mut found = CellBox::of([]);
+                let root = c.kind.shape().cell_box();
+                of_part(c, None, &root, &c.bend, world, 0, &mut found);
+                if found.is_empty() {
+                    return None;
+                }
+                grow(&mut found);
+                confine(self.shape(), found)
+            }
+        }
+    }
+}
+
+fn of_affine(shape: Element, a: &Affine, world: &Aabb) -> Option<CellBox<3>> {
+    if !a.inverse[0].is_finite() {
+        return Some(shape.cell_box());
+    }
+    let half = world.size() / 2.0;
+    let middle = a.inverse * (world.centre().0 - a.origin);
+    if beyond_a_face(shape, &middle, &a.inverse, &half) {
+        return None;
+    }
+    let reach = a.inverse.abs() * half;
+    let mut found = CellBox {
+        min: middle - reach,
+        max: middle + reach,
+    };
+    grow(&mut found);
+    confine(shape, found)
+}
+
+/// Whether the set middle + Y b, |b| <= half, lies outside one face plane of the cell.
+fn beyond_a_face(shape: Element, middle: &Vec3, y: &Mat3, half: &Vec3) -> bool {
+    const TET: [[f64; 3]; 4] = [[1., 1., 1.], [1., -1., -1.], [-1., 1., -1.], [-1., -1., 1.]];
+    shape == Element::Tet
+        && TET.iter().any(|n| {
+            let n = Vec3::from(*n);
+            let reach = (y.transpose() * n).abs().dot(half);
+            n.dot(middle) - reach > 0.5 + ROUNDING * (1.0 + reach)
+        })
+}
+
+fn grow(b: &mut CellBox<3>) {
+    let slack = ROUNDING * (1.0 + b.min.amax().max(b.max.amax()));
+    b.min.add_scalar_mut(-slack);
+    b.max.add_scalar_mut(slack);
+}
+
+/// The box of what a box and the closed cell have in common, by its face planes one at a time.
+fn confine(shape: Element, found: CellBox<3>) -> Option<CellBox<3>> {
+    const TET: [[f64; 3]; 4] = [[1., 1., 1.], [1., -1., -1.], [-1., 1., -1.], [-1., -1., 1.]];
+    let mut b = found.intersection(shape.cell_box());
+    if b.is_empty() {
+        return None;
+    }
+    if shape == Element::Tet {
+        for n in TET {
+            // Least n.x over the box; on each axis the other two leave this much.
+            let least = |a: usize| if n[a] > 0.0 { b.min[a] } else { -b.max[a] };
+            let parts = [least(0), least(1), least(2)];
+            let slack = 0.5 + 4.0 * ROUNDING - parts[0] - parts[1] - parts[2];
+            if slack < 0.0 {
+                return None;
+            }
+            for a in 0..3 {
+                if n[a] > 0.0 {
+                    b.max[a] = b.max[a].min(b.min[a] + slack);
+                } else {
+                    b.min[a] = b.min[a].max(b.max[a] - slack);
+                }
+            }
+        }
+    }
+    Some(b)
+}
+
+/// Adds the preimage of `world` within one part to `found`. `net` and `part` describe the part,
+/// `None` the whole cell; `domain` is its box.
+fn of_part(
+    c: &Curved,
+    part: Option<(&Net<Vec3>, Part)>,
+    domain: &CellBox<3>,
+    bend_bounds: &[Vec3; 6],
+    world: &Aabb,
+    depth: usize,
+    found: &mut CellBox<3>,
+) {
+    let Some((inner, settled)) = contract(c, domain, bend_bounds, world) else {
+        return;
+    };
+    if settled || depth == DEPTH {
+        found.min = found.min.inf(&inner.min);
+        found.max = found.max.sup(&inner.max);
+        return;
+    }
+    let whole;
+    let (net, part) = if let Some((net, part)) = part {
+        (net, part)
+    } else {
+        whole = Part::whole(c.net.family);
+        (&c.net, whole)
+    };
+    let way = part.longest();
+    for (net, part) in net.split(way).iter().zip(part.split(way)) {
+        if !Aabb::of(net.coefficients.iter().copied()).meets(*world) {
+            continue;
+        }
+        let (domain, bounds) = local(c.kind, net, &part, &c.bend);
+        of_part(
+            c,
+            Some((net, part)),
+            &domain,
+            &bounds,
+            world,
+            depth + 1,
+            found,
+        );
+    }
+}
+
+/// The box of a part in the cell frame, and its own bounds of the second derivatives.
+fn local(kind: Kind, net: &Net<Vec3>, part: &Part, whole: &[Vec3; 6]) -> (CellBox<3>, [Vec3; 6]) {
+    match part {
+        // Of degree 2, so the second derivatives are the same everywhere.
+        Part::Simplex(v) => (CellBox::of(v.map(|r| kind.from_parameters(r))), *whole),
+        Part::Tensor(min, max) => {
+            let size = max - min;
+            let mut bounds = bend(kind, net);
+            for (b, [j, k]) in bounds.iter_mut().zip(PAIRS) {
+                *b /= size[j] * size[k];
+            }
+            let domain = CellBox {
+                min: kind.from_parameters(*min).0,
+                max: kind.from_parameters(*max).0,
+            };
+            (domain, bounds)
+        }
+    }
+}
+
+/// Contracts `domain` around the preimage; `None` proves it empty. The flag says that what is left
+/// is within a small factor of the preimage's own box.
+fn contract(
+    c: &Curved,
+    domain: &CellBox<3>,
+    bend: &[Vec3; 6],
+    world: &Aabb,
+) -> Option<(CellBox<3>, bool)> {
+    let half = world.size() / 2.0;
+    let target = world.centre().0;
+    let mut inner = *domain;
+    for _ in 0..6 {
+        let middle = (inner.min + inner.max) / 2.0;
+        let radius = (inner.max - inner.min) / 2.0;
+        let (x, j) = c.evaluate(CellPoint(middle));
+        let Some(y) = j.try_inverse() else {
+            return Some((inner, radius.amax() < 1e-9));
+        };
+        let mut rest = Vec3::zeros();
+        for (b, [j, k]) in bend.iter().zip(PAIRS) {
+            // The mixed pairs stand for two entries of the symmetric matrix.
+            let times = if j == k { 0.5 } else { 1.0 };
+            rest += b * (times * radius[j] * radius[k]);
+        }
+        let rounding = ROUNDING * (x.amax() + target.amax());
+        let spread = (half + rest).add_scalar(rounding);
+        let centre = middle + y * (target - x);
+        if beyond_a_face(c.kind.shape(), &centre, &y, &spread) {
+            return None;
+        }
+        let reach = y.abs() * spread;
+        let next = CellBox {
+            min: inner.min.sup(&(centre - reach)),
+            max: inner.max.inf(&(centre + reach)),
+        };
+        if next.is_empty() {
+            return None;
+        }
+        let shrunk = (0..3).any(|a| next.max[a] - next.min[a] < 1.5 * radius[a]);
+        inner = next;
+        // The remainder adds less than a quarter to the linear preimage.
+        let linear = y.abs() * half.add_scalar(rounding);
+        let excess = y.abs() * rest;
+        let settled = (0..3).all(|a| excess[a] <= 0.25 * linear[a] + 1e-9);
+        if settled {
+            return Some((inner, true));
+        }
+        if !shrunk {
+            return Some((inner, false));
+        }
+    }
+    Some((inner, false))
+}

@@ -1,0 +1,82 @@
+//! Structured boxes made without a mesher.
+
+use super::{Connectivity, Kind, Scaffold, ScaffoldError};
+use crate::frame::Vec3;
+
+/// The six tetrahedra of a cube around its diagonal 0-6 (Kuhn), conforming by translation.
+const KUHN: [[usize; 4]; 6] = [
+    [0, 1, 2, 6],
+    [0, 2, 3, 6],
+    [0, 3, 7, 6],
+    [0, 7, 4, 6],
+    [0, 4, 5, 6],
+    [0, 5, 1, 6],
+];
+
+impl Scaffold {
+    /// A box with one corner at the origin, of `size` world units, cut into `counts` cells per
+    /// axis: one Hex8 or six Tet4 each. Elements are in order of x, then y, then z.
+    ///
+    /// # Errors
+    /// [`ScaffoldError::BadBox`], [`ScaffoldError::BadBoxKind`], [`ScaffoldError::TooMany`].
+    pub fn box_grid(size: Vec3, counts: [usize; 3], kind: Kind) -> Result<Self, ScaffoldError> {
+        let per_cell = match kind {
+            Kind::Hex8 => 1,
+            Kind::Tet4 => 6,
+            _ => return Err(ScaffoldError::BadBoxKind(kind)),
+        };
+        let usable = size.iter().all(|s| s.is_finite() && *s > 0.0);
+        if !usable || counts.contains(&0) {
+            return Err(ScaffoldError::BadBox {
+                size: size.into(),
+                counts,
+            });
+        }
+        let found = counts
+            .iter()
+            .try_fold(per_cell, |n: usize, c| n.checked_mul(c.checked_add(1)?))
+            .unwrap_or(usize::MAX);
+        if found > 100_000_000 {
+            return Err(ScaffoldError::TooMany {
+                found,
+                what: "elements",
+            });
+        }
+        let [nx, ny, nz] = counts;
+        let at = |i: usize, n: usize, axis: usize| size[axis] * (i as f64 / n as f64);
+        let mut nodes = Vec::with_capacity((nx + 1) * (ny + 1) * (nz + 1));
+        for k in 0..=nz {
+            for j in 0..=ny {
+                for i in 0..=nx {
+                    nodes.push(Vec3::new(at(i, nx, 0), at(j, ny, 1), at(k, nz, 2)));
+                }
+            }
+        }
+        let node = |i, j, k| (i + (nx + 1) * (j + (ny + 1) * k)) as u32;
+        let mut elements = Connectivity::default();
+        for k in 0..nz {
+            for j in 0..ny {
+                for i in 0..nx {
+                    let hex = [
+                        node(i, j, k),
+                        node(i + 1, j, k),
+                        node(i + 1, j + 1, k),
+                        node(i, j + 1, k),
+                        node(i, j, k + 1),
+                        node(i + 1, j, k + 1),
+                        node(i + 1, j + 1, k + 1),
+                        node(i, j + 1, k + 1),
+                    ];
+                    if kind == Kind::Hex8 {
+                        elements.push(kind, &hex);
+                    } else {
+                        for tet in KUHN {
+                            elements.push(kind, &tet.map(|n| hex[n]));
+                        }
+                    }
+                }
+            }
+        }
+        Self::new(nodes, elements)
+    }
+}

@@ -1,0 +1,445 @@
+//! The map of one element: cell frame to world and back.
+//!
+//! x = F(xi) = sum `N_a(xi)` `X_a`, evaluated from Bernstein control points. Elements whose map is
+//! affine within 1e-12 of their size (every Tet4, straight Tet10, parallelepipeds) take a closed
+//! form; the others invert F by damped Newton steps.
+
+use super::bernstein::{Net, Part, lattice};
+use super::kind::{Basis, Family, Kind};
+use crate::frame::{Aabb, CellPoint, Element, Mat3, Vec3, WorldPoint};
+
+/// How far beyond the reference cell an inverse may lie: |xi| on an axis, where the cell ends at
+/// 1/2.
+const DOMAIN: f64 = 1.5;
+/// Newton steps before giving up.
+const STEPS: usize = 60;
+/// Relative deviation from an affine map that is taken for rounding.
+const AFFINE: f64 = 1e-12;
+
+/// No point of the cell frame near the element maps there.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[error(
+    "element {element} ({}): no preimage of ({}, {}, {}) near the element; closest residual {residual:e}",
+    kind.name(), point[0], point[1], point[2]
+)]
+pub struct InverseError {
+    /// The element's number.
+    pub element: usize,
+    /// Its kind.
+    pub kind: Kind,
+    /// The world point asked for.
+    pub point: [f64; 3],
+    /// Distance left in world units.
+    pub residual: f64,
+}
+
+/// What is kept per element.
+pub(super) struct Geometry {
+    pub bounds: Aabb,
+    pub stretch: (f64, f64),
+    pub map: Map,
+}
+
+pub(super) enum Map {
+    Affine(Affine),
+    Curved(Box<Curved>),
+}
+
+/// x = origin + jacobian xi.
+pub(super) struct Affine {
+    pub origin: Vec3,
+    pub jacobian: Mat3,
+    /// Not finite for a degenerate element.
+    pub inverse: Mat3,
+}
+
+/// A map that is not affine.
+pub(super) struct Curved {
+    pub kind: Kind,
+    pub net: Net<Vec3>,
+    /// Bounds of |d2F/dxi_j dxi_k| over the cell, per component; jk as in [`PAIRS`].
+    pub bend: [Vec3; 6],
+    /// Inverse Jacobian at the centre, to start Newton's steps.
+    start: Mat3,
+    origin: Vec3,
+}
+
+/// Index pairs of a symmetric second derivative.
+pub(super) const PAIRS: [[usize; 2]; 6] = [[0, 0], [1, 1], [2, 2], [0, 1], [1, 2], [2, 0]];
+
+impl Geometry {
+    pub fn new(kind: Kind, nodes: &[Vec3]) -> Self {
+        let net = kind.controls(nodes);
+        let bounds = Aabb::of(net.coefficients.iter().copied());
+        let affine = Affine::through(kind, &net);
+        let tolerance = AFFINE * bounds.half_diagonal();
+        let degree = kind.degree() as f64;
+        let is_affine = lattice(net.family, net.degree)
+            .zip(&net.coefficients)
+            .all(|(p, c)| {
+                let xi = kind.from_parameters(Vec3::from(p.map(|i| i as f64 / degree)));
+                (affine.map(xi) - c).norm() <= tolerance
+            });
+        if is_affine {
+            let s = affine.jacobian.singular_values();
+            return Self {
+                bounds,
+                stretch: (s.min(), s.max()),
+                map: Map::Affine(affine),
+            };
+        }
+        let curved = Curved::new(kind, net);
+        Self {
+            bounds,
+            stretch: curved.stretch(),
+            map: Map::Curved(Box::new(curved)),
+        }
+    }
+}
+
+impl Affine {
+    /// The affine map that agrees at the first corner and its neighbours along r1, r2, r3.
+    fn through(kind: Kind, net: &Net<Vec3>) -> Self {
+        let corners = net.corners();
+        let at = |axis: usize| {
+            let unit = Vec3::ith(axis, 1.0);
+            corners
+                .iter()
+                .find(|c| c.1 == unit)
+                .map_or(corners[0].0, |c| c.0)
+                - corners[0].0
+        };
+        let jacobian = Mat3::from_columns(&[at(0), at(1), at(2)]) * kind.parameters_by_cell();
+        let first = kind.from_parameters(Vec3::zeros());
+        Self {
+            origin: corners[0].0 - jacobian * first.0,
+            jacobian,
+            inverse: jacobian
+                .try_inverse()
+                .unwrap_or_else(|| Mat3::repeat(f64::NAN)),
+        }
+    }
+
+    pub fn map(&self, xi: CellPoint<3>) -> Vec3 {
+        self.origin + self.jacobian * xi.0
+    }
+}
+
+impl Curved {
+    fn new(kind: Kind, net: Net<Vec3>) -> Self {
+        let bend = bend(kind, &net);
+        let mut curved = Self {
+            kind,
+            net,
+            bend,
+            start: Mat3::identity(),
+            origin: Vec3::zeros(),
+        };
+        let (x, j) = curved.evaluate(CellPoint(Vec3::zeros()));
+        curved.origin = x;
+        curved.start = j.try_inverse().unwrap_or_else(Mat3::zeros);
+        curved
+    }
+
+    /// The point and the Jacobian dx/dxi.
+    pub fn evaluate(&self, xi: CellPoint<3>) -> (Vec3, Mat3) {
+        let basis = Basis::at(self.kind, self.kind.parameters(xi));
+        let mut x = Vec3::zeros();
+        let mut columns = [Vec3::zeros(); 3];
+        for (i, c) in self.net.coefficients.iter().enumerate() {
+            x += c * basis.values[i];
+            columns[0] += c * basis.slopes[0][i];
+            columns[1] += c * basis.slopes[1][i];
+            columns[2] += c * basis.slopes[2][i];
+        }
+        let by_parameters = Mat3::from_columns(&columns);
+        match self.kind.family() {
+            Family::Tensor => (x, by_parameters),
+            Family::Simplex => (x, by_parameters * self.kind.parameters_by_cell()),
+        }
+    }
+
+    /// The Jacobian dx/dxi as a polynomial over the cell.
+    pub fn jacobian_net(&self) -> Net<Mat3> {
+        let degree = match self.net.family {
+            Family::Simplex => self.net.degree - 1,
+            Family::Tensor => self.net.degree,
+        };
+        Net::of(self.net.family, degree, |r| {
+            self.evaluate(self.kind.from_parameters(r)).1
+        })
+    }
+
+    /// Bounds of the singular values of the Jacobian: |sigma(J) - sigma(J0)| <= |J - J0|, cell
+    /// split until the lower bound is above half the values seen or 64 parts are used; also
+    /// `sigma_min >= |det J| / sigma_max^2`.
+    fn stretch(&self) -> (f64, f64) {
+        let mut open = vec![(self.jacobian_net(), Part::whole(self.net.family))];
+        let (mut least, mut greatest) = (f64::INFINITY, 0f64);
+        let mut budget = 64;
+        while let Some((net, part)) = open.pop() {
+            let centre = net.mean();
+            let eta = net
+                .coefficients
+                .iter()
+                .map(|c| (c - centre).norm())
+                .fold(0.0, f64::max);
+            let s = centre.singular_values();
+            let low = s.min() - eta;
+            if low < 0.5 * s.min() && budget > 0 {
+                budget -= 1;
+                let way = part.longest();
+                open.extend(net.split(way).into_iter().zip(part.split(way)));
+            } else {
+                least = least.min(low);
+                greatest = greatest.max(s.max() + eta);
+            }
+        }
+        let (low, high) = super::orientation::jacobian_determinant(self).range();
+        let by_volume = low.max(-high) / greatest.powi(2);
+        (least.max(by_volume).max(0.0), greatest)
+    }
+
+    /// Newton steps from `start`, halved while the residual grows.
+    fn newton(&self, x: Vec3, start: CellPoint<3>) -> Result<CellPoint<3>, f64> {
+        let mut xi = start;
+        let (f, mut j) = self.evaluate(xi);
+        let mut residual = x - f;
+        let rounding = 8.0 * f64::EPSILON * x.amax().max(self.origin.amax());
+        for _ in 0..STEPS {
+            let left = residual.norm();
+            let Some(inverse) = j.try_inverse() else {
+                return Err(left);
+            };
+            let mut step = inverse * residual;
+            let length = step.norm();
+            if length < 1e-8 || left <= rounding {
+                // Convergence is quadratic: what this step leaves is below 1e-13.
+                return Ok(CellPoint(xi.0 + step));
+            }
+            if length > 1.0 {
+                step /= length;
+            }
+            let mut share = 1.0;
+            loop {
+                let next = CellPoint(xi.0 + step * share);
+                if next.0.amax() <= DOMAIN {
+                    let (f, slope) = self.evaluate(next);
+                    let rest = x - f;
+                    if rest.norm() < left {
+                        (xi, j, residual) = (next, slope, rest);
+                        break;
+                    }
+                }
+                share /= 2.0;
+                if share < 1e-4 {
+                    return Err(left);
+                }
+            }
+        }
+        Err(residual.norm())
+    }
+
+    fn guess(&self, x: Vec3) -> CellPoint<3> {
+        let xi = self.start * (x - self.origin);
+        let far = xi.amax();
+        CellPoint(if far > 0.5 { xi * (0.5 / far) } else { xi })
+    }
+}
+
+/// Bounds of the second derivatives over the cell whose control points these are.
+pub(super) fn bend(kind: Kind, net: &Net<Vec3>) -> [Vec3; 6] {
+    let first = |axis| Net {
+        coefficients: net.derivative(axis),
+        ..*net
+    };
+    match net.family {
+        Family::Tensor => {
+            let sampled = |axis: usize| {
+                Net::of(net.family, net.degree, |r| {
+                    let basis = Basis::at(kind, r);
+                    let mut slope = Vec3::zeros();
+                    for (c, w) in net.coefficients.iter().zip(basis.slopes[axis]) {
+                        slope += c * w;
+                    }
+                    slope
+                })
+            };
+            let slopes = [sampled(0), sampled(1), sampled(2)];
+            PAIRS.map(|[j, k]| supremum(&slopes[j].derivative(k)))
+        }
+        Family::Simplex => {
+            let n = net.degree;
+            let second = |j: usize, k: usize| {
+                let slope = Net {
+                    degree: n - 1,
+                    ..first(j)
+                };
+                slope.derivative(k)
+            };
+            let by_r: [[Vec<Vec3>; 3]; 3] = [0, 1, 2].map(|j| [0, 1, 2].map(|k| second(j, k)));
+            let t = kind.parameters_by_cell();
+            PAIRS.map(|[j, k]| {
+                let combined: Vec<Vec3> = (0..by_r[0][0].len())
+                    .map(|i| {
+                        let mut s = Vec3::zeros();
+                        for a in 0..3 {
+                            for b in 0..3 {
+                                s += by_r[a][b][i] * (t[(a, j)] * t[(b, k)]);
+                            }
+                        }
+                        s
+                    })
+                    .collect();
+                supremum(&combined)
+            })
+        }
+    }
+}
+
+fn supremum(vectors: &[Vec3]) -> Vec3 {
+    vectors.iter().fold(Vec3::zeros(), |m, v| m.sup(&v.abs()))
+}
+
+/// One element of a scaffold: its map between the cell frame and the world.
+#[derive(Clone, Copy)]
+pub struct ElementMap<'a> {
+    pub(super) index: usize,
+    pub(super) kind: Kind,
+    pub(super) nodes: &'a [u32],
+    pub(super) geometry: &'a Geometry,
+}
+
+impl<'a> ElementMap<'a> {
+    /// Its number in the scaffold.
+    pub fn index(&self) -> usize {
+        self.index
+    }
+
+    /// Its kind.
+    pub fn kind(&self) -> Kind {
+        self.kind
+    }
+
+    /// The reference shape of its cell.
+    pub fn shape(&self) -> Element {
+        self.kind.shape()
+    }
+
+    /// Its node numbers, VTK order.
+    pub fn nodes(&self) -> &'a [u32] {
+        self.nodes
+    }
+
+    /// Whether the map is affine: constant Jacobian, closed-form inverse.
+    pub fn is_affine(&self) -> bool {
+        matches!(self.geometry.map, Map::Affine(_))
+    }
+
+    /// A box that contains the element, curved edges and all.
+    pub fn bounds(&self) -> Aabb {
+        self.geometry.bounds
+    }
+
+    /// Bounds of the singular values of dx/dxi over the element, world units: every length in the
+    /// cell is stretched by a factor between them. The lower one is 0 where none could be proved.
+    pub fn stretch(&self) -> (f64, f64) {
+        self.geometry.stretch
+    }
+
+    /// The world point at xi; beyond the cell the polynomial goes on.
+    pub fn map(&self, xi: CellPoint<3>) -> WorldPoint {
+        WorldPoint(match &self.geometry.map {
+            Map::Affine(a) => a.map(xi),
+            Map::Curved(c) => c.evaluate(xi).0,
+        })
+    }
+
+    /// dx/dxi.
+    pub fn jacobian(&self, xi: CellPoint<3>) -> Mat3 {
+        self.map_and_jacobian(xi).1
+    }
+
+    /// The world point and dx/dxi.
+    pub fn map_and_jacobian(&self, xi: CellPoint<3>) -> (WorldPoint, Mat3) {
+        match &self.geometry.map {
+            Map::Affine(a) => (WorldPoint(a.map(xi)), a.jacobian),
+            Map::Curved(c) => {
+                let (x, j) = c.evaluate(xi);
+                (WorldPoint(x), j)
+            }
+        }
+    }
+
+    /// The constant dxi/dx of an affine element; `None` if it is curved or degenerate.
+    pub fn affine_inverse(&self) -> Option<Mat3> {
+        match &self.geometry.map {
+            Map::Affine(a) if a.inverse[0].is_finite() => Some(a.inverse),
+            _ => None,
+        }
+    }
+
+    /// The point of the cell frame that maps to `x`. It may lie outside the cell; curved maps are
+    /// followed as far as one cell beyond it.
+    ///
+    /// # Errors
+    /// The element is degenerate, or no preimage was found near it.
+    pub fn inverse(&self, x: WorldPoint) -> Result<CellPoint<3>, InverseError> {
+        match &self.geometry.map {
+            Map::Affine(a) => self.affine(a, x),
+            Map::Curved(c) => c
+                .newton(x.0, c.guess(x.0))
+                .or_else(|_| c.newton(x.0, CellPoint(Vec3::zeros())))
+                .map_err(|residual| self.lost(x, residual)),
+        }
+    }
+
+    /// As [`Self::inverse`], starting near `start`, say the neighbouring voxel's point.
+    ///
+    /// # Errors
+    /// As [`Self::inverse`].
+    pub fn inverse_from(
+        &self,
+        x: WorldPoint,
+        start: CellPoint<3>,
+    ) -> Result<CellPoint<3>, InverseError> {
+        match &self.geometry.map {
+            Map::Affine(a) => self.affine(a, x),
+            Map::Curved(c) => c.newton(x.0, start).or_else(|_| self.inverse(x)),
+        }
+    }
+
+    /// The preimage inside the closed cell, within `tolerance` of its face planes, if there is one.
+    /// Unlike [`Self::inverse`] this cannot be led to another branch of a strongly curved map.
+    pub fn inverse_inside(&self, x: WorldPoint, tolerance: f64) -> Option<CellPoint<3>> {
+        let inside = |xi: &CellPoint<3>| self.shape().face_distance(*xi) <= tolerance;
+        let found = self.inverse(x).ok().filter(inside);
+        if found.is_some() || self.is_affine() {
+            return found;
+        }
+        // A proof that x is not in the element, or a start near its preimage.
+        let margin = (tolerance + 1e-9) * self.geometry.stretch.1;
+        let at = Aabb::of([x.0]).dilated(margin);
+        let part = self.cell_box(&at)?;
+        let start = CellPoint((part.min + part.max) / 2.0);
+        self.inverse_from(x, start).ok().filter(inside)
+    }
+
+    fn affine(&self, a: &Affine, x: WorldPoint) -> Result<CellPoint<3>, InverseError> {
+        let xi = a.inverse * (x.0 - a.origin);
+        if xi.iter().all(|c| c.is_finite()) {
+            Ok(CellPoint(xi))
+        } else {
+            Err(self.lost(x, (x.0 - a.origin).norm()))
+        }
+    }
+
+    fn lost(&self, x: WorldPoint, residual: f64) -> InverseError {
+        InverseError {
+            element: self.index,
+            kind: self.kind,
+            point: x.0.into(),
+            residual,
+        }
+    }
+}

@@ -1,0 +1,172 @@
+//! The sign of an element's Jacobian over the whole element.
+//!
+//! det J is a polynomial; the signs of its Bernstein coefficients decide, after splitting where
+//! they are mixed.
+
+use super::bernstein::{Net, Part};
+use super::kind::{Family, Kind};
+use super::map::{Curved, ElementMap, Map};
+use crate::frame::{CellPoint, Vec3};
+
+/// What is known of the sign of det J over an element.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Orientation {
+    /// Positive everywhere.
+    Positive,
+    /// Negative everywhere: harmless, the nodes are numbered in mirror order.
+    Negative,
+    /// Changes its sign: the element is folded.
+    Folded {
+        /// det dx/dr at the worst place seen, in cubic world units; r are parametric coordinates.
+        determinant: f64,
+        /// Where, in the cell frame.
+        at: CellPoint<3>,
+    },
+    /// Vanishes somewhere, within 1e-12 of the element's size cubed.
+    Degenerate {
+        /// det dx/dr there.
+        determinant: f64,
+        /// Where, in the cell frame.
+        at: CellPoint<3>,
+    },
+}
+
+/// det dx/dr of a curved element as a polynomial over the cell.
+pub(super) fn parametric_determinant(c: &Curved) -> Net<f64> {
+    let mut net = jacobian_determinant(c);
+    let scale = parametric_scale(c.kind);
+    net.coefficients.iter_mut().for_each(|d| *d *= scale);
+    net
+}
+
+/// det dx/dr over det dx/dxi.
+pub(super) fn parametric_scale(kind: Kind) -> f64 {
+    match kind.family() {
+        Family::Simplex => 2.0,
+        Family::Tensor => 1.0,
+    }
+}
+
+/// det dx/dxi of a curved element as a polynomial over the cell: of degree 3 (n - 1) on simplices,
+/// 3 n - 1 per axis on cubes.
+pub(super) fn jacobian_determinant(c: &Curved) -> Net<f64> {
+    let n = c.net.degree;
+    let degree = match c.net.family {
+        Family::Simplex => 3 * (n - 1),
+        Family::Tensor => 3 * n - 1,
+    };
+    Net::of(c.net.family, degree, |r| {
+        c.evaluate(c.kind.from_parameters(r)).1.determinant()
+    })
+}
+
+impl ElementMap<'_> {
+    /// The signed volume, exact up to rounding; negative for mirror-numbered elements.
+    pub fn volume(&self) -> f64 {
+        let mean = match &self.geometry.map {
+            Map::Affine(a) => a.jacobian.determinant(),
+            Map::Curved(c) => jacobian_determinant(c).mean(),
+        };
+        mean * self.shape().measure()
+    }
+
+    /// The sign of det J over the whole element, proved.
+    pub fn orientation(&self) -> Orientation {
+        let size = 2.0 * self.bounds().half_diagonal();
+        let tiny = 1e-12 * size.powi(3);
+        match &self.geometry.map {
+            Map::Affine(a) => {
+                let determinant = a.jacobian.determinant() * parametric_scale(self.kind);
+                if determinant > tiny {
+                    Orientation::Positive
+                } else if determinant < -tiny {
+                    Orientation::Negative
+                } else {
+                    Orientation::Degenerate {
+                        determinant,
+                        at: CellPoint(Vec3::zeros()),
+                    }
+                }
+            }
+            Map::Curved(c) => verdict(self.kind, parametric_determinant(c), tiny),
+        }
+    }
+
+    /// The least of det J / (|J|_F / sqrt 3)^3 over nodes and centre, with the sign of the
+    /// element's volume: 1 for a regular element, 0 for a degenerate one, negative where folded.
+    pub fn quality(&self) -> f64 {
+        let sign = self.volume().signum();
+        let at = |xi| {
+            let j = self.jacobian(xi);
+            let size = j.norm() / 3f64.sqrt();
+            if size > 0.0 {
+                sign * j.determinant() / size.powi(3)
+            } else {
+                0.0
+            }
+        };
+        let centre = at(CellPoint(Vec3::zeros()));
+        if self.is_affine() {
+            return centre;
+        }
+        let nodes = self.kind.reference_nodes();
+        nodes.into_iter().map(at).fold(centre, f64::min)
+    }
+}
+
+/// Parts examined before an unproved sign is called degenerate.
+const PARTS: usize = 4096;
+
+fn verdict(kind: Kind, net: Net<f64>, tiny: f64) -> Orientation {
+    let family = net.family;
+    let mut open = std::collections::VecDeque::from([(net, Part::whole(family))]);
+    // Greatest and least value seen, with their places.
+    let mut high = (f64::NEG_INFINITY, Vec3::zeros());
+    let mut low = (f64::INFINITY, Vec3::zeros());
+    let mut unsure: Option<(f64, Vec3)> = None;
+    let mut examined = 0;
+    while let Some((net, part)) = open.pop_front() {
+        examined += 1;
+        for (value, r) in net.corners() {
+            let r = part.place(r);
+            if value > high.0 {
+                high = (value, r);
+            }
+            if value < low.0 {
+                low = (value, r);
+            }
+        }
+        if high.0 > tiny && low.0 < -tiny {
+            continue;
+        }
+        let (a, b) = net.range();
+        if a > tiny || b < -tiny {
+            continue;
+        }
+        if examined < PARTS && (high.0 > tiny || low.0 < -tiny) {
+            let way = part.longest();
+            open.extend(net.split(way).into_iter().zip(part.split(way)));
+        } else if unsure.is_none() {
+            let middle = part.place(Vec3::repeat(if family == Family::Simplex {
+                0.25
+            } else {
+                0.5
+            }));
+            unsure = Some((net.mean(), middle));
+        }
+    }
+    let place = |(determinant, r): (f64, Vec3)| (determinant, kind.from_parameters(r));
+    if high.0 > tiny && low.0 < -tiny {
+        // The rarer sign is the wrong one; by magnitude, as the mean is not at hand any more.
+        let (determinant, at) = place(if high.0 >= -low.0 { low } else { high });
+        return Orientation::Folded { determinant, at };
+    }
+    match unsure {
+        Some(p) => {
+            let (determinant, at) = place(p);
+            Orientation::Degenerate { determinant, at }
+        }
+        None if high.0 > 0.0 => Orientation::Positive,
+        None => Orientation::Negative,
+    }
+}

@@ -1,0 +1,194 @@
+//! Which elements share faces: neighbours, outer faces, components.
+//!
+//! Faces are the same if their corner nodes are. Mid nodes follow from the corners in a conforming
+//! mesh; where they do not, the face is torn and the report says so.
+
+use super::{Connectivity, Scaffold};
+
+/// A face of an element.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct FaceRef {
+    /// The element's number.
+    pub element: u32,
+    /// The face's number within the element, in the order of [`crate::frame::Element::faces`].
+    pub face: u8,
+}
+
+/// What lies beyond a face.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Neighbour {
+    /// Nothing: an outer face.
+    Outside,
+    /// The face of another element with the same corner nodes.
+    Face(FaceRef),
+    /// More than one other element: no manifold. They count as connected, and the face as inner.
+    Several,
+}
+
+/// Faces and components of a scaffold.
+pub(super) struct Topology {
+    /// First face of every element in `neighbours`.
+    starts: Vec<u32>,
+    neighbours: Vec<Neighbour>,
+    /// Groups of more than two faces with the same corners.
+    pub crowded: Vec<Vec<FaceRef>>,
+    component_of: Vec<u32>,
+    components: Vec<Vec<u32>>,
+}
+
+/// The corner nodes of a face, sorted; triangles end in `u32::MAX`.
+pub(super) fn face_key(elements: &Connectivity, f: FaceRef) -> [u32; 4] {
+    let e = f.element as usize;
+    let nodes = elements.nodes(e);
+    let mut key = [u32::MAX; 4];
+    for (k, &corner) in key
+        .iter_mut()
+        .zip(elements.kind(e).faces()[f.face as usize].corners)
+    {
+        *k = nodes[corner as usize];
+    }
+    key.sort_unstable();
+    key
+}
+
+impl Topology {
+    pub fn new(elements: &Connectivity) -> Self {
+        let mut starts = Vec::with_capacity(elements.len());
+        let mut faces = Vec::new();
+        for e in 0..elements.len() {
+            starts.push(faces.len() as u32);
+            for face in 0..elements.kind(e).faces().len() as u8 {
+                let f = FaceRef {
+                    element: e as u32,
+                    face,
+                };
+                faces.push((face_key(elements, f), f));
+            }
+        }
+        faces.sort_unstable();
+        let mut topology = Self {
+            neighbours: vec![Neighbour::Outside; faces.len()],
+            starts,
+            crowded: Vec::new(),
+            component_of: Vec::new(),
+            components: Vec::new(),
+        };
+        let mut sets = Sets::new(elements.len());
+        for group in faces.chunk_by(|a, b| a.0 == b.0) {
+            for pair in group.windows(2) {
+                sets.join(pair[0].1.element, pair[1].1.element);
+            }
+            match group {
+                [_] => {}
+                [(_, a), (_, b)] => {
+                    topology.set(*a, Neighbour::Face(*b));
+                    topology.set(*b, Neighbour::Face(*a));
+                }
+                many => {
+                    let many: Vec<FaceRef> = many.iter().map(|f| f.1).collect();
+                    for f in &many {
+                        topology.set(*f, Neighbour::Several);
+                    }
+                    topology.crowded.push(many);
+                }
+            }
+        }
+        topology.crowded.sort_unstable();
+        (topology.component_of, topology.components) = sets.numbered();
+        topology
+    }
+
+    fn set(&mut self, f: FaceRef, n: Neighbour) {
+        let at = self.starts[f.element as usize] as usize + f.face as usize;
+        self.neighbours[at] = n;
+    }
+
+    fn get(&self, f: FaceRef) -> Neighbour {
+        self.neighbours[self.starts[f.element as usize] as usize + f.face as usize]
+    }
+}
+
+/// Disjoint sets; the least member represents each.
+struct Sets(Vec<u32>);
+
+impl Sets {
+    fn new(count: usize) -> Self {
+        Self((0..count as u32).collect())
+    }
+
+    fn root(&mut self, mut i: u32) -> u32 {
+        while self.0[i as usize] != i {
+            let above = self.0[self.0[i as usize] as usize];
+            self.0[i as usize] = above;
+            i = above;
+        }
+        i
+    }
+
+    fn join(&mut self, a: u32, b: u32) {
+        let (a, b) = (self.root(a), self.root(b));
+        self.0[a.max(b) as usize] = a.min(b);
+    }
+
+    /// The set of each item, and each set's members; sets in order of their least member.
+    fn numbered(mut self) -> (Vec<u32>, Vec<Vec<u32>>) {
+        let mut number = vec![0; self.0.len()];
+        let mut sets: Vec<Vec<u32>> = Vec::new();
+        for i in 0..self.0.len() as u32 {
+            let root = self.root(i);
+            if root == i {
+                number[i as usize] = sets.len() as u32;
+                sets.push(Vec::new());
+            }
+            number[i as usize] = number[root as usize];
+            sets[number[i as usize] as usize].push(i);
+        }
+        (number, sets)
+    }
+}
+
+impl Scaffold {
+    /// What lies beyond a face of an element.
+    pub fn neighbour(&self, f: FaceRef) -> Neighbour {
+        self.topology.get(f)
+    }
+
+    /// The faces of an element.
+    pub fn faces_of(&self, element: usize) -> impl Iterator<Item = FaceRef> + use<> {
+        let count = self.elements.kind(element).faces().len() as u8;
+        let element = element as u32;
+        (0..count).map(move |face| FaceRef { element, face })
+    }
+
+    /// Elements that share a face with this one, in order of its faces.
+    pub fn neighbours(&self, element: usize) -> impl Iterator<Item = u32> + '_ {
+        self.faces_of(element)
+            .filter_map(|f| match self.neighbour(f) {
+                Neighbour::Face(g) => Some(g.element),
+                _ => None,
+            })
+    }
+
+    /// Faces with nothing beyond, in order.
+    pub fn outer_faces(&self) -> impl Iterator<Item = FaceRef> + '_ {
+        (0..self.len())
+            .flat_map(|e| self.faces_of(e))
+            .filter(|f| self.neighbour(*f) == Neighbour::Outside)
+    }
+
+    /// Groups of more than two elements that share one face.
+    pub fn crowded_faces(&self) -> &[Vec<FaceRef>] {
+        &self.topology.crowded
+    }
+
+    /// Elements of each face-connected component, ascending; components in order of their least
+    /// element.
+    pub fn components(&self) -> &[Vec<u32>] {
+        &self.topology.components
+    }
+
+    /// The component of an element.
+    pub fn component_of(&self, element: usize) -> usize {
+        self.topology.component_of[element] as usize
+    }
+}
