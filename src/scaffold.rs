@@ -265,6 +265,17 @@ impl Scaffold {
     }
 }
 
+/// Counts only: meshes are large.
+impl std::fmt::Debug for Scaffold {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Scaffold")
+            .field("nodes", &self.nodes.len())
+            .field("elements", &self.len())
+            .field("bounds", &self.bounds)
+            .finish_non_exhaustive()
+    }
+}
+
 fn check(nodes: &[Vec3], elements: &Connectivity) -> Result<(), ScaffoldError> {
     if elements.is_empty() {
         return Err(ScaffoldError::Empty);

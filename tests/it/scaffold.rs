@@ -1,1 +1,389 @@
-//! Laws of `scaffold`.
+//! Laws of `scaffold`: maps against independent numbers, bounds against dense samples, meshes
+//! against what was built into them.
+
+use crate::strategy::{Noise, cell_point, element_nodes, mesh, renumberings};
+use druse::frame::{Aabb, CellPoint, Element, Mat3, Vec3, WorldPoint};
+use druse::scaffold::{Connectivity, ElementMap, Kind, Neighbour, Orientation, Scaffold};
+use proptest::prelude::*;
+
+fn single(kind: Kind, nodes: &[Vec3]) -> Scaffold {
+    let mut elements = Connectivity::default();
+    let numbers: Vec<u32> = (0..nodes.len() as u32).collect();
+    elements.push(kind, &numbers);
+    Scaffold::new(nodes.to_vec(), elements).unwrap()
+}
+
+fn kind_named(name: &str) -> Kind {
+    Kind::ALL
+        .into_iter()
+        .find(|k| k.name().eq_ignore_ascii_case(name))
+        .unwrap()
+}
+
+fn kinds() -> impl Strategy<Value = Kind> {
+    proptest::sample::select(Kind::ALL.to_vec())
+}
+
+fn points(value: &serde_json::Value) -> Vec<Vec3> {
+    value
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|p| Vec3::from([0, 1, 2].map(|a| p[a].as_f64().unwrap())))
+        .collect()
+}
+
+fn grid_points(shape: Element, n: usize) -> Vec<CellPoint<3>> {
+    let at = |i: usize| i as f64 / n as f64 - 0.5;
+    let mut found = Vec::new();
+    for i in 0..=n {
+        for j in 0..=n {
+            for k in 0..=n {
+                let p = CellPoint(Vec3::new(at(i), at(j), at(k)));
+                if shape.face_distance(p) <= 1e-12 {
+                    found.push(p);
+                }
+            }
+        }
+    }
+    found
+}
+
+#[test]
+fn maps_agree_with_the_reference_numbers() {
+    let text = include_str!("../data/scaffold/maps.json");
+    let cases: serde_json::Value = serde_json::from_str(text).unwrap();
+    let cases = cases.as_array().unwrap();
+    assert_eq!(cases.len(), Kind::ALL.len());
+    for case in cases {
+        let kind = kind_named(case["kind"].as_str().unwrap());
+        let nodes = points(&case["nodes"]);
+        let scaffold = single(kind, &nodes);
+        let element = scaffold.element(0);
+        let xis = points(&case["xi"]);
+        for (i, x) in points(&case["x"]).into_iter().enumerate() {
+            let xi = CellPoint(xis[i]);
+            for (n, f) in kind.shape_functions(xi).into_iter().enumerate() {
+                let expected = case["shape_functions"][i][n].as_f64().unwrap();
+                assert!((f - expected).abs() < 1e-9, "{kind:?} N_{n}");
+            }
+            assert!((element.map(xi).0 - x).norm() < 1e-9, "{kind:?} x");
+            let back = element.inverse(WorldPoint(x)).unwrap();
+            assert!((back.0 - xi.0).norm() < 1e-9, "{kind:?} inverse");
+            // dr/dxi has determinant 1/2 on the tetrahedron.
+            let scale = if kind.shape() == Element::Tet {
+                2.0
+            } else {
+                1.0
+            };
+            let det = element.jacobian(xi).determinant() * scale;
+            let expected = case["det_dx_dr"][i].as_f64().unwrap();
+            assert!(
+                (det - expected).abs() < 1e-6 * expected.abs(),
+                "{kind:?} det"
+            );
+        }
+        // The oracle's renumberings are among ours.
+        let all = renumberings(kind);
+        assert_eq!(
+            all.len(),
+            if kind.shape() == Element::Tet { 24 } else { 48 }
+        );
+        for p in case["renumberings"].as_array().unwrap() {
+            let p: Vec<usize> = p
+                .as_array()
+                .unwrap()
+                .iter()
+                .map(|i| i.as_u64().unwrap() as usize)
+                .collect();
+            assert!(all.contains(&p), "{kind:?} {p:?}");
+        }
+    }
+}
+
+#[test]
+fn shape_functions_are_one_at_their_node_and_sum_to_one() {
+    for kind in Kind::ALL {
+        for (i, node) in kind.reference_nodes().into_iter().enumerate() {
+            for (j, f) in kind.shape_functions(node).into_iter().enumerate() {
+                assert!((f - f64::from(u8::from(i == j))).abs() < 1e-14);
+            }
+        }
+        let mut noise = Noise::new(7);
+        for _ in 0..20 {
+            let xi = CellPoint(noise.vector());
+            let sum: f64 = kind.shape_functions(xi).iter().sum();
+            let slope: Vec3 = kind.shape_gradients(xi).iter().sum();
+            assert!((sum - 1.0).abs() < 1e-12 && slope.norm() < 1e-11);
+        }
+    }
+}
+
+#[test]
+fn mid_nodes_of_edges_and_faces_stand_between_their_corners() {
+    for kind in Kind::ALL {
+        let nodes = kind.reference_nodes();
+        let mean = |set: &[u8]| -> Vec3 {
+            set.iter().map(|&n| nodes[n as usize].0).sum::<Vec3>() / set.len() as f64
+        };
+        for (i, edge) in kind.edges().iter().enumerate() {
+            if let Some(mid) = kind.edge_mid(i) {
+                assert!((nodes[mid as usize].0 - mean(edge)).norm() < 1e-15);
+            }
+        }
+        let planes = kind.shape().faces();
+        assert_eq!(planes.len(), kind.faces().len());
+        for (f, plane) in kind.faces().iter().zip(planes) {
+            let on =
+                |n: &u8| (plane.normal.dot(&nodes[*n as usize].0) - plane.offset).abs() < 1e-15;
+            assert!(f.corners.iter().chain(f.mids).chain(&f.centre).all(on));
+            let count = f.corners.len();
+            assert_eq!(f.mids.len(), if kind.degree() == 2 { count } else { 0 });
+            for (i, &mid) in f.mids.iter().enumerate() {
+                let ends = [f.corners[i], f.corners[(i + 1) % count]];
+                assert!((nodes[mid as usize].0 - mean(&ends)).norm() < 1e-15);
+            }
+            if let Some(c) = f.centre {
+                assert!((nodes[c as usize].0 - mean(f.corners)).norm() < 1e-15);
+            }
+            let [a, b, c] = [0, 1, 2].map(|i| nodes[f.corners[i] as usize].0);
+            assert!((b - a).cross(&(c - b)).dot(&plane.normal) > 0.0, "outward");
+        }
+    }
+}
+
+/// Relative strength of the displacements at which every law must hold, folded elements included.
+fn amplitudes() -> impl Strategy<Value = f64> {
+    prop_oneof![Just(0.0), 0.0..0.1, 0.1..0.3]
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(150))]
+
+    #[test]
+    fn jacobian_is_the_finite_difference(kind in kinds(), a in amplitudes(), seed: u64) {
+        let scaffold = single(kind, &element_nodes(kind, a, seed));
+        let e = scaffold.element(0);
+        let xi = cell_point(kind.shape(), &mut Noise::new(seed));
+        let h = 1e-5;
+        let at = |axis, s: f64| e.map(CellPoint(xi.0 + Vec3::ith(axis, s * h))).0;
+        let columns = [0, 1, 2].map(|axis| (at(axis, 1.0) - at(axis, -1.0)) / (2.0 * h));
+        prop_assert!((e.jacobian(xi) - Mat3::from_columns(&columns)).norm() < 1e-8);
+        let by_shape: Mat3 = kind
+            .shape_gradients(xi)
+            .iter()
+            .zip(e.nodes())
+            .map(|(g, &n)| scaffold.nodes()[n as usize] * g.transpose())
+            .sum();
+        prop_assert!((e.jacobian(xi) - by_shape).norm() < 1e-11);
+    }
+
+    #[test]
+    fn inverse_undoes_map(kind in kinds(), a in 0.0..0.12, seed: u64) {
+        let scaffold = single(kind, &element_nodes(kind, a, seed));
+        let e = scaffold.element(0);
+        let regular = matches!(e.orientation(), Orientation::Positive | Orientation::Negative);
+        prop_assume!(regular && e.quality() > 0.02);
+        let mut noise = Noise::new(seed);
+        for _ in 0..20 {
+            let xi = cell_point(kind.shape(), &mut noise);
+            let found = e.inverse_inside(e.map(xi), 1e-9);
+            prop_assert!(found.is_some());
+            prop_assert!((found.unwrap().0 - xi.0).norm() < 1e-10);
+            // A little outside the cell and started nearby, the inverse follows.
+            let out = CellPoint(xi.0 * 1.15);
+            if e.jacobian(out).determinant().signum() == e.volume().signum() {
+                let near = CellPoint(out.0 + noise.vector() * 1e-3);
+                let back = e.inverse_from(e.map(out), near).unwrap();
+                prop_assert!((e.map(back).0 - e.map(out).0).norm() < 1e-10);
+            }
+        }
+    }
+
+    #[test]
+    fn bounds_and_stretch_contain_every_sample(kind in kinds(), a in amplitudes(), seed: u64) {
+        let scaffold = single(kind, &element_nodes(kind, a, seed));
+        let e = scaffold.element(0);
+        let (low, high) = e.stretch();
+        let bounds = e.bounds().dilated(1e-12);
+        for xi in grid_points(kind.shape(), 6) {
+            let (x, j) = e.map_and_jacobian(xi);
+            prop_assert!(bounds.contains(x));
+            let s = j.singular_values();
+            prop_assert!(low <= s.min() * (1.0 + 1e-12) && s.max() <= high * (1.0 + 1e-12));
+        }
+        prop_assert!(high < 40.0);
+    }
+
+    #[test]
+    fn cell_box_contains_every_point_that_maps_into_the_box(
+        kind in kinds(), a in amplitudes(), seed: u64, size in 0.01..1.5f64
+    ) {
+        let scaffold = single(kind, &element_nodes(kind, a, seed));
+        let e = scaffold.element(0);
+        let mut noise = Noise::new(seed);
+        let grid = grid_points(kind.shape(), 14);
+        for _ in 0..8 {
+            let centre = e.map(cell_point(kind.shape(), &mut noise)).0 + noise.vector() * size;
+            let world = Aabb { min: centre.add_scalar(-size / 2.0), max: centre.add_scalar(size / 2.0) };
+            let found = e.cell_box(&world);
+            for xi in grid.iter().filter(|xi| world.contains(e.map(**xi))) {
+                let Some(b) = found else {
+                    panic!("{kind:?}: {xi:?} maps into the box, which was called disjoint");
+                };
+                let inside = (0..3).all(|k| b.min[k] <= xi.0[k] && xi.0[k] <= b.max[k]);
+                prop_assert!(inside, "{:?} {:?} {:?}", kind, xi, b);
+            }
+        }
+    }
+
+    #[test]
+    fn orientation_is_that_of_dense_samples(kind in kinds(), a in 0.0..0.35f64, seed: u64) {
+        let scaffold = single(kind, &element_nodes(kind, a, seed));
+        let e = scaffold.element(0);
+        let dets: Vec<f64> = grid_points(kind.shape(), 8)
+            .into_iter()
+            .map(|xi| e.jacobian(xi).determinant())
+            .collect();
+        let (some_positive, some_negative) = (dets.iter().any(|d| *d > 1e-9), dets.iter().any(|d| *d < -1e-9));
+        match e.orientation() {
+            Orientation::Positive => prop_assert!(!some_negative),
+            Orientation::Negative => prop_assert!(!some_positive),
+            Orientation::Folded { determinant, at } => {
+                let scale = if kind.shape() == Element::Tet { 2.0 } else { 1.0 };
+                prop_assert!((e.jacobian(at).determinant() * scale - determinant).abs() < 1e-9);
+                prop_assert!(kind.shape().face_distance(at) < 1e-12);
+            }
+            Orientation::Degenerate { .. } => prop_assert!(false, "random elements are not singular"),
+        }
+        if some_positive && some_negative {
+            let folded = matches!(e.orientation(), Orientation::Folded { .. });
+            prop_assert!(folded);
+        }
+    }
+
+    #[test]
+    fn volume_is_the_integral_of_the_determinant(kind in kinds(), a in amplitudes(), seed: u64) {
+        let scaffold = single(kind, &element_nodes(kind, a, seed));
+        let e = scaffold.element(0);
+        // Midpoint rule on n^3 cubes or sub-tetrahedra is of second order: Richardson's pair.
+        let rule = |n: usize| -> f64 {
+            let centres = centres(kind.shape(), n);
+            let share = kind.shape().measure() / centres.len() as f64;
+            centres.iter().map(|xi| e.jacobian(*xi).determinant() * share).sum()
+        };
+        let fine = (4.0 * rule(8) - rule(4)) / 3.0;
+        prop_assert!((fine - e.volume()).abs() < 2e-3 * e.stretch().1.powi(3));
+    }
+}
+
+/// Centres of equal parts of the cell: cubes, or for the tetrahedron those of the six Kuhn
+/// simplices of each cube of a grid that fold into it.
+fn centres(shape: Element, n: usize) -> Vec<CellPoint<3>> {
+    let mut found = Vec::new();
+    for i in 0..n {
+        for j in 0..n {
+            for k in 0..n {
+                let at = |c: usize, f: f64| (c as f64 + f) / n as f64;
+                if shape == Element::Hex {
+                    let p = Vec3::new(at(i, 0.5), at(j, 0.5), at(k, 0.5));
+                    found.push(CellPoint(p.add_scalar(-0.5)));
+                    continue;
+                }
+                for [x, y, z] in [
+                    [1, 2, 3],
+                    [1, 3, 2],
+                    [2, 1, 3],
+                    [2, 3, 1],
+                    [3, 1, 2],
+                    [3, 2, 1],
+                ] {
+                    let c = [
+                        at(i, x as f64 / 4.0),
+                        at(j, y as f64 / 4.0),
+                        at(k, z as f64 / 4.0),
+                    ];
+                    // The simplex 1 > x > y > z > 0 of the unit cube is a union of such parts.
+                    if c[0] > c[1] && c[1] > c[2] {
+                        let l = [1.0 - c[0], c[0] - c[1], c[1] - c[2], c[2]];
+                        let v = shape.vertices();
+                        found.push(CellPoint((0..4).map(|a| v[a] * l[a]).sum()));
+                    }
+                }
+            }
+        }
+    }
+    found
+}
+
+#[test]
+fn straight_second_order_elements_are_affine() {
+    for kind in Kind::ALL {
+        let straight = single(kind, &element_nodes(kind, 0.0, 3));
+        assert!(straight.element(0).is_affine(), "{kind:?}");
+        let curved = single(kind, &element_nodes(kind, 1e-6, 3));
+        assert_eq!(curved.element(0).is_affine(), kind == Kind::Tet4);
+    }
+}
+
+fn meshes(amplitude: f64) -> impl Strategy<Value = (Kind, Scaffold)> {
+    (kinds(), any::<u64>()).prop_map(move |(kind, seed)| {
+        let (nodes, elements) = mesh(kind, [3, 2, 2], amplitude, seed);
+        (kind, Scaffold::new(nodes, elements).unwrap())
+    })
+}
+
+fn folded(e: &ElementMap) -> bool {
+    !matches!(
+        e.orientation(),
+        Orientation::Positive | Orientation::Negative
+    )
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(20))]
+
+    #[test]
+    fn locate_finds_the_lowest_element_that_contains_a_point((kind, s) in meshes(0.1), seed: u64) {
+        prop_assume!(!s.elements().any(|e| folded(&e)));
+        let mut noise = Noise::new(seed);
+        for e in s.elements() {
+            let xi = cell_point(kind.shape(), &mut noise);
+            let x = e.map(xi);
+            let (found, at) = s.locate(x).expect("inside");
+            prop_assert!((s.element(found as usize).map(at).0 - x.0).norm() < 1e-10);
+            let first = (0..s.len()).find(|&k| s.element(k).inverse_inside(x, 1e-9).is_some());
+            prop_assert_eq!(first, Some(found as usize));
+            let mut near = Vec::new();
+            s.candidates(&Aabb::of([x.0]), &mut near);
+            prop_assert!(near.is_sorted() && near.contains(&found));
+        }
+        prop_assert_eq!(s.locate(WorldPoint(s.bounds().max.add_scalar(0.1))), None);
+    }
+
+    #[test]
+    fn shared_faces_have_one_geometry_from_both_sides((_, s) in meshes(0.15), seed: u64) {
+        prop_assert_eq!(s.components().len(), 1);
+        let mut noise = Noise::new(seed);
+        let mut shared = 0;
+        for f in (0..s.len()).flat_map(|e| s.faces_of(e)) {
+            let Neighbour::Face(g) = s.neighbour(f) else { continue };
+            shared += 1;
+            prop_assert_eq!(s.neighbour(g), Neighbour::Face(f));
+            let e = s.element(f.element as usize);
+            // A random point of the face: a mix of the corners, put onto the face's plane.
+            let nodes = e.kind().reference_nodes();
+            let corners = e.kind().faces()[f.face as usize].corners;
+            let weights: Vec<f64> = corners.iter().map(|_| noise.signed() + 1.0).collect();
+            let sum: f64 = weights.iter().sum();
+            let xi: Vec3 = corners.iter().zip(&weights).map(|(c, w)| nodes[*c as usize].0 * (w / sum)).sum();
+            let x = e.map(CellPoint(xi));
+            let other = s.element(g.element as usize);
+            if folded(&e) || folded(&other) { continue; }
+            let eta = other.inverse_inside(x, 1e-8).expect("on the neighbour's face");
+            let plane = other.shape().faces()[g.face as usize];
+            prop_assert!((plane.normal.dot(&eta.0) - plane.offset).abs() < 1e-8);
+        }
+        prop_assert!(shared > 0);
+    }
+}

@@ -1,1 +1,142 @@
 //! Proptest strategies that several modules share.
+
+use druse::frame::{CellPoint, Element, Mat3, Vec3};
+use druse::scaffold::{Connectivity, Kind, Scaffold};
+use std::collections::BTreeMap;
+
+/// A small generator, so that a mesh is a function of one seed.
+pub struct Noise(u64);
+
+impl Noise {
+    pub fn new(seed: u64) -> Self {
+        Self(seed)
+    }
+
+    fn next(&mut self) -> u64 {
+        // SplitMix64.
+        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        z ^ (z >> 31)
+    }
+
+    /// Uniform in [-1, 1).
+    pub fn signed(&mut self) -> f64 {
+        (self.next() >> 11) as f64 / (1u64 << 52) as f64 - 1.0
+    }
+
+    /// Uniform in the cube [-1, 1)^3.
+    pub fn vector(&mut self) -> Vec3 {
+        Vec3::new(self.signed(), self.signed(), self.signed())
+    }
+
+    pub fn below(&mut self, n: usize) -> usize {
+        (self.next() % n as u64) as usize
+    }
+}
+
+/// Nodes of one element: the reference cell under a random affine map, then every node displaced
+/// by up to `amplitude` of the edge.
+pub fn element_nodes(kind: Kind, amplitude: f64, seed: u64) -> Vec<Vec3> {
+    let mut noise = Noise::new(seed);
+    let mut linear = Mat3::identity();
+    linear.iter_mut().for_each(|m| *m += 0.35 * noise.signed());
+    linear *= 3.0;
+    let shift = noise.vector() * 5.0;
+    kind.reference_nodes()
+        .into_iter()
+        .map(|xi| linear * (xi.0 + noise.vector() * amplitude) + shift)
+        .collect()
+}
+
+/// A point of the closed reference cell.
+pub fn cell_point(shape: Element, noise: &mut Noise) -> CellPoint<3> {
+    loop {
+        let p = CellPoint(noise.vector() / 2.0);
+        if shape.face_distance(p) <= 0.0 {
+            return p;
+        }
+    }
+}
+
+/// Every renumbering of a kind's nodes that a symmetry of its reference cell makes: new node i is
+/// old node `p[i]`.
+pub fn renumberings(kind: Kind) -> Vec<Vec<usize>> {
+    let nodes = kind.reference_nodes();
+    let mut found = Vec::new();
+    for order in [
+        [0, 1, 2],
+        [1, 2, 0],
+        [2, 0, 1],
+        [1, 0, 2],
+        [0, 2, 1],
+        [2, 1, 0],
+    ] {
+        for signs in 0..8 {
+            let image = |p: Vec3| {
+                Vec3::from([0, 1, 2].map(|a| {
+                    let c: f64 = p[order[a]];
+                    if signs >> a & 1 == 1 { -c } else { c }
+                }))
+            };
+            let p: Option<Vec<usize>> = nodes
+                .iter()
+                .map(|n| nodes.iter().position(|m| (image(n.0) - m.0).norm() < 1e-12))
+                .collect();
+            found.extend(p);
+        }
+    }
+    found
+}
+
+/// A conforming mesh of one kind filling a box of about unit cells: corners displaced by up to
+/// `amplitude` of the edge, mid nodes of quadratic kinds by half of that from the middle, every
+/// element renumbered at random.
+pub fn mesh(
+    kind: Kind,
+    counts: [usize; 3],
+    amplitude: f64,
+    seed: u64,
+) -> (Vec<Vec3>, Connectivity) {
+    let mut noise = Noise::new(seed);
+    let linear = match kind.shape() {
+        Element::Tet => Kind::Tet4,
+        _ => Kind::Hex8,
+    };
+    let size = Vec3::from(counts.map(|c| c as f64));
+    let grid = Scaffold::box_grid(size, counts, linear).unwrap();
+    let mut nodes: Vec<Vec3> = grid
+        .nodes()
+        .iter()
+        .map(|p| p + noise.vector() * amplitude)
+        .collect();
+    let orders = renumberings(kind);
+    let mut made: BTreeMap<Vec<u32>, u32> = BTreeMap::new();
+    let mut elements = Connectivity::default();
+    for e in 0..grid.len() {
+        let corners = grid.connectivity().nodes(e);
+        let mut own = corners.to_vec();
+        let mut groups: Vec<Vec<u8>> = Vec::new();
+        if kind.degree() == 2 {
+            groups.extend(kind.edges().iter().map(|e| e.to_vec()));
+        }
+        if kind == Kind::Hex27 {
+            groups.extend(kind.faces().iter().map(|f| f.corners.to_vec()));
+            groups.push((0..8).collect());
+        }
+        for group in groups {
+            let mut key: Vec<u32> = group.iter().map(|&c| corners[c as usize]).collect();
+            key.sort_unstable();
+            own.push(*made.entry(key.clone()).or_insert_with(|| {
+                let sum: Vec3 = key.iter().map(|&n| nodes[n as usize]).sum();
+                nodes.push(sum / key.len() as f64 + noise.vector() * amplitude / 2.0);
+                nodes.len() as u32 - 1
+            }));
+        }
+        let order = &orders[noise.below(orders.len())];
+        let shuffled: Vec<u32> = order.iter().map(|&i| own[i]).collect();
+        elements.push(kind, &shuffled);
+    }
+    (nodes, elements)
+}
