@@ -125,7 +125,7 @@ impl Source {
             .map(|n| {
                 let value = overrides[n].split_once('=').map_or("", |kv| kv.1);
                 let start = self.override_start(n) + overrides[n].len() - value.len();
-                format!("{:1$}v={2}", "", start - 2, value.trim())
+                format!("{:1$}v={2}", "", start.saturating_sub(2), value.trim())
             })
             .collect();
         let mut root = DeTable::parse(&text).map_err(|e| RecipeError::toml(self, &e))?;
