@@ -1,1 +1,398 @@
-//! Laws of `cell`.
+//! Laws of `cell`, and the closed forms and reference values it has to meet.
+
+use druse::cell::{Cell, CellError, Series, Solid, Surface, Table};
+use druse::field::Field;
+use druse::frame::{CellBox, CellPoint, Element, Vec3};
+use proptest::prelude::*;
+use serde_json::Value;
+use std::f64::consts::TAU;
+
+fn at(x: f64, y: f64, z: f64) -> CellPoint<3> {
+    CellPoint(Vec3::new(x, y, z))
+}
+
+fn vec3(v: &Value) -> Vec3 {
+    Vec3::from_fn(|i, _| v[i].as_f64().unwrap())
+}
+
+#[test]
+fn surfaces_are_their_formulas() {
+    let formula = |s: Surface, p: Vec3| {
+        let (c, s1) = (p.map(|v| (TAU * v).cos()), p.map(|v| (TAU * v).sin()));
+        let c2 = p.map(|v| (2.0 * TAU * v).cos());
+        match s {
+            Surface::SchwarzP => c.sum(),
+            Surface::Diamond => c.product() - s1.product(),
+            Surface::Iwp => 2.0 * (c.x * c.y + c.y * c.z + c.z * c.x) - c2.sum(),
+            Surface::Neovius => 3.0 * c.sum() + 4.0 * c.product(),
+            Surface::FRd => 4.0 * c.product() - (c2.x * c2.y + c2.y * c2.z + c2.z * c2.x),
+        }
+    };
+    for surface in Surface::ALL {
+        for element in [Element::Tet, Element::Hex] {
+            let Ok(cell) = surface.cell(element) else {
+                assert_eq!((surface, element), (Surface::Diamond, Element::Hex));
+                continue;
+            };
+            for p in [
+                at(0.1, -0.23, 0.31),
+                at(0.0, 0.2, -0.47),
+                at(1.3, 0.9, -2.2),
+            ] {
+                assert!(
+                    (cell.value(p) - formula(surface, p.0)).abs() < 1e-13,
+                    "{surface:?}"
+                );
+            }
+        }
+        assert_eq!(Surface::from_name(surface.name()), Some(surface));
+    }
+}
+
+#[test]
+fn values_gradients_and_bounds_are_those_of_the_reference() {
+    let data: Value = serde_json::from_str(include_str!("../data/gradients.json")).unwrap();
+    for (id, element, lattice) in [
+        ("tet4", Element::Tet, "fcc2"),
+        ("hex8", Element::Hex, "cubic"),
+    ] {
+        let case = data["cases"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .find(|c| c["id"] == id)
+            .unwrap();
+        let (group, lattice) = Cell::symmetry(element, Some(lattice)).unwrap();
+        let mut terms = Vec::new();
+        for c in case["coefficients"].as_array().unwrap() {
+            let k: [i32; 3] = std::array::from_fn(|i| c[0][i].as_i64().unwrap() as i32);
+            // The reference lists both orbits of a pair, a cell the greater one.
+            if group.canonical(k.map(|v| -v)) <= k {
+                terms.push((k, [c[1][0].as_f64().unwrap(), c[1][1].as_f64().unwrap()]));
+            }
+        }
+        let series = Series::new(group, lattice, &terms).unwrap();
+        for p in case["points"].as_array().unwrap() {
+            let (v, g) = series.value_and_gradient(CellPoint(vec3(&p["xi"])));
+            assert!((v - p["Phi"].as_f64().unwrap()).abs() < 1e-9, "{id}");
+            assert!((g - vec3(&p["grad_xi"])).norm() < 1e-9, "{id}");
+        }
+        let bounds = &case["bounds"];
+        let number = |key: &str| bounds[key].as_f64().unwrap();
+        let close = |a: f64, b: f64| (a - b).abs() < 1e-9 * b;
+        assert!(close(
+            series.amplitude() + series.mean().abs(),
+            number("sum|C|")
+        ));
+        let l1 = number("L_coefficient_bound sum|C|2pi|f|");
+        assert!(close(series.gradient_bound(), l1));
+        assert!(close(
+            series.hessian_bound(),
+            number("M2_coefficient_bound")
+        ));
+        let cell = Cell::new(id, element, series).unwrap();
+        let table = Table::new(&cell).unwrap();
+        let found = number("max|grad| found by 60000 random points (<= L_rigorous)");
+        assert!(table.gradient_sup() < l1);
+        // The random points fill the period, of which a tet is a part; a hex is all of it.
+        if element == Element::Hex {
+            assert!(
+                table.gradient_sup() > found,
+                "{} {found}",
+                table.gradient_sup()
+            );
+        }
+    }
+}
+
+#[test]
+fn volume_fractions_are_those_of_the_element() {
+    let p = Surface::SchwarzP.cell(Element::Hex).unwrap();
+    let fraction = |cell: &Cell, t: f64| {
+        let cell = cell.clone().with_solid(Solid::Below, t).unwrap();
+        cell.volume_fraction()
+    };
+    for (t, v) in [
+        (-1.0, 0.213329553535693),
+        (-0.5, 0.357165040387709),
+        (0.0, 0.5),
+        (0.5, 0.642834959612291),
+        (1.0, 0.786670446464307),
+    ] {
+        assert!(
+            (fraction(&p, t) - v).abs() < 3e-6,
+            "{t} {}",
+            fraction(&p, t) - v
+        );
+    }
+    for (f, t) in [
+        (0.2, -1.05185006173631),
+        (0.35, -0.525019980107021),
+        (0.5, 0.0),
+    ] {
+        let found = p.level_for_volume_fraction(f).unwrap();
+        assert!((found - t).abs() < 1e-6, "{f}: {found} {t}");
+    }
+    for (w, v) in [(0.3, 0.171277237123831), (0.6, 0.342976711625292)] {
+        let sheet = p.clone().sheet(w).unwrap();
+        assert!((sheet.volume_fraction() - v).abs() < 3e-6);
+        assert!((sheet.level_for_volume_fraction(v).unwrap() - w).abs() < 1e-5);
+    }
+    let (p, d) = (
+        Surface::SchwarzP.cell(Element::Tet).unwrap(),
+        Surface::Diamond.cell(Element::Tet).unwrap(),
+    );
+    for (cell, t, v) in [
+        (&p, -0.5, 0.140294556),
+        (&p, 0.0, 0.204044522),
+        (&p, 0.5, 0.291710738),
+        (&d, -0.5, 0.078861107),
+        (&d, 0.0, 0.332659562),
+        (&d, 0.5, 0.683673318),
+    ] {
+        assert!(
+            (fraction(cell, t) - v).abs() < 6e-6,
+            "{t} {}",
+            fraction(cell, t) - v
+        );
+    }
+}
+
+#[test]
+fn gamma_is_the_root_mean_square_over_the_surface() {
+    // Where cX + cY + cZ = 2.9, with q_i = 1 - c_i: sum q = 0.1 and |grad|^2 = 4 pi^2 sum (2 q - q^2),
+    // the sum of q^2 between 0.01/3 and 0.01.
+    let p = Surface::SchwarzP.cell(Element::Hex).unwrap();
+    let cell = p.with_solid(Solid::Above, 2.9).unwrap();
+    let square = (cell.gamma() / TAU).powi(2);
+    assert!((0.19..0.2 - 0.01 / 3.0).contains(&square), "{square}");
+}
+
+#[test]
+fn wrong_cells_are_refused() {
+    let (group, lattice) = Cell::symmetry(Element::Tet, None).unwrap();
+    let series =
+        |terms: &[([i32; 3], [f64; 2])]| Series::new(group.clone(), lattice.clone(), terms);
+    let place = |e: Result<Series<3>, CellError>| match e {
+        Err(CellError::Coefficient { place, .. }) => place,
+        _ => usize::MAX,
+    };
+    assert_eq!(
+        place(series(&[
+            ([0; 3], [1.0, 0.0]),
+            ([1, 0, 0], [f64::NAN, 0.0])
+        ])),
+        1
+    );
+    assert_eq!(
+        place(series(&[([1, 0, 0], [1.0, 0.0]), ([-1, 0, 0], [1.0, 0.0])])),
+        1
+    );
+    assert_eq!(place(series(&[([0; 3], [1.0, 0.5])])), 0);
+    assert_eq!(place(series(&[([i32::MIN, 0, 0], [1.0, 0.0])])), 0);
+    let fine = series(&[([1, 0, 0], [1.0, 0.5])]).unwrap();
+    assert!(matches!(
+        Cell::new("x", Element::Hex, fine),
+        Err(CellError::Unfitting { what: "group", .. })
+    ));
+    assert!(Cell::symmetry(Element::Hex, Some("fcc2")).is_err());
+    let p = Surface::SchwarzP.cell(Element::Hex).unwrap();
+    assert!(p.clone().with_solid(Solid::Sheet, -0.1).is_err());
+    assert!(p.clone().with_solid(Solid::Below, f64::NAN).is_err());
+    for f in [0.0, 1.0, -1.0, f64::NAN] {
+        assert!(p.level_for_volume_fraction(f).is_err());
+    }
+    let empty = p.clone().with_solid(Solid::Below, -3.5).unwrap();
+    let message = empty.check_surface().unwrap_err().to_string();
+    assert!(message.contains("nothing solid inside the hex") && message.contains("-3.5"));
+    assert!(p.check_surface().is_ok());
+}
+
+/// A random cell: element, lattice and up to `terms` random coefficients of a small band.
+fn any_cell() -> impl Strategy<Value = Cell> {
+    let kind = prop::sample::select(vec![
+        (Element::Tet, "fcc2", 2.5),
+        (Element::Tet, "cubic", 3.0),
+        (Element::Hex, "cubic", 3.5),
+    ]);
+    let solid = prop::sample::select(Solid::ALL.to_vec());
+    (
+        kind,
+        prop::collection::vec((-1.0f64..1.0, -1.0f64..1.0), 24),
+        solid,
+        0.05f64..0.5,
+    )
+        .prop_map(|((element, lattice, radius), numbers, solid, level)| {
+            let (group, lattice) = Cell::symmetry(element, Some(lattice)).unwrap();
+            let basis = druse::symmetry::Basis::new(group.clone(), lattice.clone(), radius);
+            let terms: Vec<_> = basis
+                .harmonics()
+                .iter()
+                .zip(numbers)
+                .map(|(h, (re, im))| {
+                    let s = h.scale / (1.0 + h.frequency);
+                    let im = if h.self_paired { 0.0 } else { im };
+                    (h.orbit.representative(), [re * s, im * s])
+                })
+                .collect();
+            let series = Series::new(group, lattice, &terms).unwrap();
+            Cell::new("random", element, series)
+                .unwrap()
+                .with_solid(solid, level)
+                .unwrap()
+        })
+}
+
+fn any_point() -> impl Strategy<Value = CellPoint<3>> {
+    prop::array::uniform3(-0.5f64..0.5).prop_map(|[x, y, z]| at(x, y, z))
+}
+
+/// A box with its corners anywhere, also beyond the element, and points of it.
+fn any_box() -> impl Strategy<Value = (CellBox<3>, Vec<CellPoint<3>>)> {
+    let corner = prop::array::uniform3(-1.2f64..1.2);
+    let size = (prop::array::uniform3(0.0f64..1.0), 0.01f64..1.0);
+    let inner = prop::collection::vec(prop::array::uniform3(0.0f64..=1.0), 40);
+    (corner, size, inner).prop_map(|(c, (s, scale), inner)| {
+        let (min, size) = (Vec3::from(c), Vec3::from(s) * scale);
+        let points = inner
+            .into_iter()
+            .map(|t| CellPoint(min + size.component_mul(&Vec3::from(t))))
+            .collect();
+        (
+            CellBox {
+                min,
+                max: min + size,
+            },
+            points,
+        )
+    })
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(48))]
+
+    #[test]
+    fn value_is_invariant_under_every_operator(cell in any_cell(), p in any_point()) {
+        let v = cell.value(p);
+        for q in cell.series().group().cartesian(cell.series().lattice()) {
+            prop_assert!((cell.value(CellPoint(q * p.0)) - v).abs() < 1e-11);
+        }
+    }
+
+    #[test]
+    fn gradient_equals_finite_difference(cell in any_cell(), p in any_point()) {
+        const STEP: f64 = 1e-6;
+        let (v, g) = cell.value_and_gradient(p);
+        prop_assert!((v - cell.value(p)).abs() < 1e-12);
+        prop_assume!(cell.series().value(p).abs() > 1e-3);
+        let difference = Vec3::from_fn(|a, _| {
+            let e = Vec3::ith(a, STEP);
+            (cell.value(CellPoint(p.0 + e)) - cell.value(CellPoint(p.0 - e))) / (2.0 * STEP)
+        });
+        // Second order: a third of the third derivative, below 2e3 here, times the step squared.
+        prop_assert!((g - difference).norm() < 1e-6);
+    }
+
+    #[test]
+    fn bound_contains_every_sample(cell in any_cell(), (region, points) in any_box()) {
+        let bound = cell.bound(&region);
+        for p in points {
+            prop_assert!(bound.contains(cell.value(p)));
+        }
+    }
+
+    #[test]
+    fn shift_lowers_and_inversion_negates(cell in any_cell(), p in any_point(), by in -0.04f64..0.5) {
+        let v = cell.value(p);
+        let shifted = cell.clone().shifted(by);
+        // What a sheet leaves out can be widened only until the sheet is gone.
+        if let Ok(shifted) = shifted {
+            prop_assert!((shifted.value(p) - (v - by)).abs() < 1e-12);
+        } else {
+            prop_assert!(cell.solid().is_symmetric() && cell.level() <= by.abs());
+        }
+        prop_assert_eq!(cell.clone().inverted().value(p), -v);
+        if !cell.solid().is_symmetric() {
+            let sheet = cell.sheet(0.1).unwrap();
+            prop_assert!((sheet.value(p) - (v.abs() - 0.1)).abs() < 1e-12);
+        }
+    }
+}
+
+mod table {
+    use super::*;
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(24))]
+
+        #[test]
+        fn table_is_within_its_error_bound(cell in any_cell(), points in prop::collection::vec(any_point(), 60)) {
+            let table = Table::new(&cell).unwrap();
+            for p in points {
+                let (v, g) = cell.value_and_gradient(p);
+                let (w, h) = table.value_and_gradient(p);
+                prop_assert!((v - w).abs() <= table.error_bound(), "{} {}", v - w, table.error_bound());
+                prop_assert!((table.value(p) - w).abs() < 1e-6);
+                // Beside the kink of a sheet the two may lie on different sides.
+                if cell.series().value(p).abs() > table.error_bound() {
+                    prop_assert!((g - h).amax() <= table.gradient_error_bound());
+                }
+            }
+        }
+
+        #[test]
+        fn table_bounds_contain_every_sample(cell in any_cell(), boxes in prop::collection::vec(any_box(), 12)) {
+            let table = Table::new(&cell).unwrap();
+            for (region, points) in boxes {
+                let (bound, steepest) = (table.bound(&region), table.gradient_bound(&region));
+                for p in points {
+                    let (v, g) = table.value_and_gradient(p);
+                    prop_assert!(bound.contains(v), "{bound:?} {v}");
+                    prop_assert!(g.norm() <= steepest, "{} {steepest}", g.norm());
+                    if table.element().face_distance(p) <= 0.0 {
+                        prop_assert!(g.norm() <= table.gradient_sup());
+                    }
+                }
+            }
+        }
+
+        #[test]
+        fn table_is_as_symmetric_as_its_cell(cell in any_cell(), p in any_point()) {
+            let table = Table::new(&cell).unwrap();
+            let v = table.value(p);
+            let largest = cell.series().amplitude() + cell.series().mean().abs() + cell.level();
+            for q in cell.series().group().cartesian(cell.series().lattice()) {
+                let w = table.value(CellPoint(q * p.0));
+                prop_assert!((v - w).abs() < 1e-6 * largest, "{}", v - w);
+            }
+        }
+
+        #[test]
+        fn table_gradient_is_that_of_the_table(cell in any_cell(), p in any_point()) {
+            const STEP: f64 = 2e-3;
+            let table = Table::new(&cell).unwrap();
+            prop_assume!(cell.series().value(p).abs() > 0.05);
+            let g = table.value_and_gradient(p).1;
+            // Fourth-order differences: truncation 1e-12 times the fifth derivative, rounding
+            // 2e-7 over the step.
+            let difference = Vec3::from_fn(|a, _| {
+                let v = |s: f64| table.value(CellPoint(p.0 + Vec3::ith(a, s * STEP)));
+                (8.0 * (v(1.0) - v(-1.0)) - (v(2.0) - v(-2.0))) / (12.0 * STEP)
+            });
+            prop_assert!((g - difference).norm() < 5e-3, "{}", (g - difference).norm());
+        }
+    }
+
+    #[test]
+    fn tolerance_chooses_the_size() {
+        let cell = Surface::Iwp.cell(Element::Hex).unwrap();
+        let coarse = Table::with_tolerance(&cell, 1e-2).unwrap();
+        let fine = Table::with_tolerance(&cell, 1e-4).unwrap();
+        assert!(coarse.samples() < fine.samples());
+        assert!(coarse.error_bound() <= 1.1e-2 && fine.error_bound() <= 1.1e-4);
+        assert!(matches!(
+            Table::with_tolerance(&cell, 1e-15),
+            Err(CellError::TableTooLarge { .. })
+        ));
+    }
+}

@@ -1,0 +1,268 @@
+//! Symmetric Fourier series: coefficients per orbit pair on a shared basis, evaluated exactly.
+
+use super::CellError;
+use super::wave::Waves;
+use crate::field::{Field, Interval};
+use crate::frame::{CellBox, CellPoint};
+use crate::symmetry::{Frequency, Lattice, PointGroup};
+use nalgebra::SVector;
+use std::f64::consts::TAU;
+
+/// A coefficient: C = (re, im) multiplies every exponential of the orbit of `k`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Coefficient<const D: usize> {
+    /// The representative of the orbit.
+    pub k: Frequency<D>,
+    /// Real and imaginary part.
+    pub c: [f64; 2],
+}
+
+/// A real, invariant, band-limited function: the sum over orbits of C exp(2 pi i k.u).
+///
+/// Each orbit pair (k, -k) is listed once, by its lexicographically greatest member, in ascending
+/// order of (|f|, k); the opposite orbit has the conjugate coefficient.
+pub struct Series<const D: usize> {
+    group: PointGroup<D>,
+    lattice: Lattice<D>,
+    coefficients: Vec<Coefficient<D>>,
+    expanded: Vec<(Frequency<D>, [f64; 2])>,
+    waves: Waves,
+}
+
+/// Indices beyond this are refused: no cell needs them, and their tables would not fit in memory.
+const GREATEST_INDEX: i32 = 4096;
+/// Exponentials beyond this are refused.
+const MOST_EXPONENTIALS: usize = 20_000_000;
+
+impl<const D: usize> Series<D> {
+    /// The series with these coefficients, each orbit pair at most once.
+    ///
+    /// # Errors
+    /// [`CellError::Coefficient`] for an orbit pair listed twice, a number that is not finite, a
+    /// complex coefficient of an orbit that holds k and -k (the function would not be real) or an
+    /// index beyond 4096.
+    pub fn new(
+        group: PointGroup<D>,
+        lattice: Lattice<D>,
+        terms: &[(Frequency<D>, [f64; 2])],
+    ) -> Result<Self, CellError> {
+        let mut coefficients = Vec::with_capacity(terms.len());
+        let mut expanded = Vec::new();
+        for (place, &(k, c)) in terms.iter().enumerate() {
+            let fail = |reason: String| CellError::Coefficient {
+                place,
+                index: format!("{k:?}"),
+                reason,
+            };
+            if !c.iter().all(|v| v.is_finite()) {
+                return Err(fail(format!("the coefficient {c:?} is not finite")));
+            }
+            if k.iter().any(|v| v.saturating_abs() > GREATEST_INDEX) {
+                return Err(fail(format!("the index is beyond {GREATEST_INDEX}")));
+            }
+            let rep = group.canonical(k);
+            let opposite = group.canonical(k.map(|v| -v));
+            let (rep, c) = if rep < opposite {
+                (opposite, [c[0], -c[1]])
+            } else {
+                (rep, c)
+            };
+            let orbit = group.orbit(rep);
+            let size = c[0].abs().max(c[1].abs());
+            if orbit.is_self_paired() && c[1].abs() > 1e-9 * size {
+                return Err(fail(format!(
+                    "its orbit holds k and -k, so that the imaginary part must be 0, found {}",
+                    c[1]
+                )));
+            }
+            let c = if orbit.is_self_paired() {
+                [c[0], 0.0]
+            } else {
+                c
+            };
+            if expanded.len() + 2 * orbit.members.len() > MOST_EXPONENTIALS {
+                return Err(fail(format!(
+                    "the series has more than {MOST_EXPONENTIALS} exponentials"
+                )));
+            }
+            for &q in &orbit.members {
+                expanded.push((q, c));
+                if !orbit.is_self_paired() {
+                    expanded.push((q.map(|v| -v), [c[0], -c[1]]));
+                }
+            }
+            coefficients.push((place, Coefficient { k: rep, c }));
+        }
+        let order = |k: Frequency<D>| ((lattice.frequency_norm(k) * 1e9).round() as i64, k);
+        coefficients.sort_by_key(|(_, t)| order(t.k));
+        if let Some(pair) = coefficients.windows(2).find(|w| w[0].1.k == w[1].1.k) {
+            return Err(CellError::Coefficient {
+                place: pair[1].0,
+                index: format!("{:?}", terms[pair[1].0].0),
+                reason: format!(
+                    "its orbit pair, that of {:?}, is listed twice (first in place {})",
+                    pair[0].1.k, pair[0].0
+                ),
+            });
+        }
+        expanded.sort_by_key(|t| t.0);
+        let padded = expanded.iter().map(|&(k, c)| (pad(k), c)).collect();
+        Ok(Self {
+            group,
+            lattice,
+            coefficients: coefficients.into_iter().map(|(_, t)| t).collect(),
+            waves: Waves::new(padded),
+            expanded,
+        })
+    }
+
+    /// The group that leaves it unchanged.
+    pub fn group(&self) -> &PointGroup<D> {
+        &self.group
+    }
+
+    /// Its periods.
+    pub fn lattice(&self) -> &Lattice<D> {
+        &self.lattice
+    }
+
+    /// The coefficients, one per orbit pair.
+    pub fn coefficients(&self) -> &[Coefficient<D>] {
+        &self.coefficients
+    }
+
+    /// Every exponential with its coefficient, in ascending order of the index.
+    pub fn exponentials(&self) -> &[(Frequency<D>, [f64; 2])] {
+        &self.expanded
+    }
+
+    /// Greatest |f| of its exponentials, in cycles per unit of reference length.
+    pub fn band_limit(&self) -> f64 {
+        self.coefficients
+            .iter()
+            .map(|t| self.lattice.frequency_norm(t.k))
+            .fold(0.0, f64::max)
+    }
+
+    /// Number of real degrees of freedom in use: one per self-paired orbit, two per pair.
+    pub fn degrees_of_freedom(&self) -> usize {
+        self.coefficients
+            .iter()
+            .map(|t| {
+                if self.group.orbit(t.k).is_self_paired() {
+                    1
+                } else {
+                    2
+                }
+            })
+            .sum()
+    }
+
+    /// Mean over the period cell: the coefficient of k = 0.
+    pub fn mean(&self) -> f64 {
+        self.coefficients
+            .iter()
+            .find(|t| t.k == [0; D])
+            .map_or(0.0, |t| t.c[0])
+    }
+
+    /// Bound of |value - mean| everywhere: the sum of |C| over all exponentials but the constant.
+    pub fn amplitude(&self) -> f64 {
+        self.sum_of(|k| if k == [0; D] { 0.0 } else { 1.0 })
+    }
+
+    /// Bound of the Cartesian gradient everywhere: 2 pi sum |C| |f|.
+    pub fn gradient_bound(&self) -> f64 {
+        self.sum_of(|k| TAU * self.lattice.frequency_norm(k))
+    }
+
+    /// Bound of the Cartesian second derivative everywhere: 4 pi^2 sum |C| |f|^2.
+    pub fn hessian_bound(&self) -> f64 {
+        self.sum_of(|k| (TAU * self.lattice.frequency_norm(k)).powi(2))
+    }
+
+    fn sum_of(&self, weight: impl Fn(Frequency<D>) -> f64) -> f64 {
+        self.expanded
+            .iter()
+            .map(|&(k, [re, im])| re.hypot(im) * weight(k))
+            .sum()
+    }
+
+    /// The series multiplied by a number.
+    #[must_use]
+    pub fn scaled(&self, factor: f64) -> Self {
+        let scale = |c: [f64; 2]| c.map(|v| v * factor);
+        let coefficients: Vec<Coefficient<D>> = self
+            .coefficients
+            .iter()
+            .map(|t| Coefficient {
+                k: t.k,
+                c: scale(t.c),
+            })
+            .collect();
+        let expanded: Vec<_> = self.expanded.iter().map(|&(k, c)| (k, scale(c))).collect();
+        Self {
+            group: self.group.clone(),
+            lattice: self.lattice.clone(),
+            coefficients,
+            waves: Waves::new(expanded.iter().map(|&(k, c)| (pad(k), c)).collect()),
+            expanded,
+        }
+    }
+
+    fn lattice_point(&self, p: CellPoint<D>) -> [f64; 3] {
+        let u = self.lattice.inverse() * p.0;
+        let mut padded = [0.0; 3];
+        for a in 0..D {
+            padded[3 - D + a] = u[a];
+        }
+        padded
+    }
+}
+
+impl<const D: usize> std::fmt::Debug for Series<D> {
+    /// Group and coefficients; what follows from them is left out.
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Series")
+            .field("group", &self.group.name())
+            .field("lattice", &self.lattice.vectors())
+            .field("coefficients", &self.coefficients)
+            .finish_non_exhaustive()
+    }
+}
+
+/// Puts planar indices on the last axes, where the inner loop runs.
+fn pad<const D: usize>(k: Frequency<D>) -> [i32; 3] {
+    let mut padded = [0; 3];
+    padded[3 - D..].copy_from_slice(&k);
+    padded
+}
+
+impl<const D: usize> Field for Series<D> {
+    type Point = CellPoint<D>;
+
+    fn value(&self, p: CellPoint<D>) -> f64 {
+        self.waves.value(self.lattice_point(p))
+    }
+
+    fn value_and_gradient(&self, p: CellPoint<D>) -> (f64, SVector<f64, D>) {
+        let (v, g) = self.waves.value_and_gradient(self.lattice_point(p));
+        let g = SVector::<f64, D>::from_fn(|a, _| g[3 - D + a]);
+        (v, self.lattice.inverse().tr_mul(&g))
+    }
+
+    fn bound(&self, region: &CellBox<D>) -> Interval {
+        let centre = (region.min + region.max) / 2.0;
+        let radius = (region.max - region.min).norm() / 2.0;
+        let (v, g) = self.value_and_gradient(CellPoint(centre));
+        // Taylor: first order by the sum of gradients, second by the gradient at the centre.
+        let reach = (self.gradient_bound() * radius)
+            .min(g.norm() * radius + self.hessian_bound() * radius * radius / 2.0);
+        let (m, a) = (self.mean(), self.amplitude());
+        let slack = 1e-12 * (m.abs() + a);
+        Interval::new(
+            (v - reach).max(m - a) - slack,
+            (v + reach).min(m + a) + slack,
+        )
+    }
+}

@@ -1,0 +1,132 @@
+//! What is solid: the side of a level, or the sheet around it.
+
+use super::CellError;
+use crate::field::Interval;
+
+/// Which values of the function are solid.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Solid {
+    /// Phi < level.
+    Below,
+    /// Phi > level.
+    Above,
+    /// |Phi| < level: a wall along the zero surface.
+    Sheet,
+    /// |Phi| > level: what a sheet leaves out.
+    Channels,
+}
+
+impl Solid {
+    /// Every kind.
+    pub const ALL: [Self; 4] = [Self::Below, Self::Above, Self::Sheet, Self::Channels];
+
+    /// The word in recipes and files.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Below => "below",
+            Self::Above => "above",
+            Self::Sheet => "sheet",
+            Self::Channels => "channels",
+        }
+    }
+
+    /// The kind of that name.
+    pub fn from_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|s| s.name() == name)
+    }
+
+    /// Whether it is an interval around zero or its complement, so that the level is a half width.
+    pub const fn is_symmetric(self) -> bool {
+        matches!(self, Self::Sheet | Self::Channels)
+    }
+
+    pub(super) fn check(self, level: f64) -> Result<(), CellError> {
+        let positive = !self.is_symmetric() || level > 0.0;
+        if level.is_finite() && positive {
+            return Ok(());
+        }
+        Err(CellError::OutOfRange {
+            what: "level",
+            found: level,
+            expected: if self.is_symmetric() {
+                format!(
+                    "a positive number, half the thickness of solid = {:?}",
+                    self.name()
+                )
+            } else {
+                "a finite number".to_owned()
+            },
+        })
+    }
+
+    /// The solid field, negative inside, of a value of the function.
+    pub fn value(self, phi: f64, level: f64) -> f64 {
+        match self {
+            Self::Below => phi - level,
+            Self::Above => level - phi,
+            Self::Sheet => phi.abs() - level,
+            Self::Channels => level - phi.abs(),
+        }
+    }
+
+    /// The solid field and its derivative with respect to phi; at the kink of a sheet that of the
+    /// upper side.
+    pub fn value_and_slope(self, phi: f64, level: f64) -> (f64, f64) {
+        let side = if phi < 0.0 { -1.0 } else { 1.0 };
+        let slope = match self {
+            Self::Below => 1.0,
+            Self::Above => -1.0,
+            Self::Sheet => side,
+            Self::Channels => -side,
+        };
+        (self.value(phi, level), slope)
+    }
+
+    /// The solid field's values where the function's values lie in `phi`.
+    pub fn interval(self, phi: Interval, level: f64) -> Interval {
+        let magnitude = || {
+            let greatest = phi.hi.abs().max(phi.lo.abs());
+            let least = if phi.contains(0.0) {
+                0.0
+            } else {
+                phi.hi.abs().min(phi.lo.abs())
+            };
+            Interval::new(least, greatest)
+        };
+        match self {
+            Self::Below => Interval::new(phi.lo - level, phi.hi - level),
+            Self::Above => Interval::new(level - phi.hi, level - phi.lo),
+            Self::Sheet => {
+                let m = magnitude();
+                Interval::new(m.lo - level, m.hi - level)
+            }
+            Self::Channels => {
+                let m = magnitude();
+                Interval::new(level - m.hi, level - m.lo)
+            }
+        }
+    }
+
+    /// The level whose solid field is lower by `by`.
+    pub(super) fn shifted(self, level: f64, by: f64) -> f64 {
+        match self {
+            Self::Below | Self::Sheet => level + by,
+            Self::Above | Self::Channels => level - by,
+        }
+    }
+
+    /// The complement's kind at the same level.
+    pub(super) const fn inverted(self) -> Self {
+        match self {
+            Self::Below => Self::Above,
+            Self::Above => Self::Below,
+            Self::Sheet => Self::Channels,
+            Self::Channels => Self::Sheet,
+        }
+    }
+
+    /// The value of phi about which the solid is defined: the level itself, or 0 for a sheet.
+    pub(super) const fn centre(self, level: f64) -> f64 {
+        if self.is_symmetric() { 0.0 } else { level }
+    }
+}

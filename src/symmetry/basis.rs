@@ -1,0 +1,130 @@
+//! The real orthonormal basis of the functions that are invariant, real and band-limited.
+
+use super::{Frequency, Lattice, Orbit, PointGroup};
+
+/// One orbit, or a pair of opposite orbits, with its one or two real basis functions.
+///
+/// With phi(u) = (|L| m)^(-1/2) sum over the orbit of exp(2 pi i k.u): a self-paired orbit carries
+/// phi itself, which is real; a pair carries sqrt 2 Re phi and sqrt 2 Im phi.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Harmonic<const D: usize> {
+    /// The orbit; of a pair, the one with the lexicographically greater representative.
+    pub orbit: Orbit<D>,
+    /// Whether -k belongs to the orbit of k.
+    pub self_paired: bool,
+    /// |f| of the orbit.
+    pub frequency: f64,
+    /// (|L| m)^(-1/2).
+    pub scale: f64,
+}
+
+impl<const D: usize> Harmonic<D> {
+    /// Number of real basis functions: 1 or 2.
+    pub fn functions(&self) -> usize {
+        if self.self_paired { 1 } else { 2 }
+    }
+
+    /// The coefficient C of each exponential of the orbit, from the real coefficients (a) or
+    /// (a, b): C = (a - i b)/sqrt 2 (|L| m)^(-1/2). Returned as (re, im).
+    pub fn coefficient(&self, real: &[f64]) -> [f64; 2] {
+        if self.self_paired {
+            [real[0] * self.scale, 0.0]
+        } else {
+            let s = self.scale * std::f64::consts::FRAC_1_SQRT_2;
+            [real[0] * s, -real[1] * s]
+        }
+    }
+}
+
+/// The basis of the band |f| <= R: its size is the number of orbits in the band.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Basis<const D: usize> {
+    group: PointGroup<D>,
+    lattice: Lattice<D>,
+    radius: f64,
+    harmonics: Vec<Harmonic<D>>,
+}
+
+impl<const D: usize> Basis<D> {
+    /// The basis for |f| <= `radius`, in cycles per unit of reference length; functions in
+    /// ascending order of (|f|, representative).
+    pub fn new(group: PointGroup<D>, lattice: Lattice<D>, radius: f64) -> Self {
+        let harmonics = group
+            .orbits(&lattice, radius)
+            .into_iter()
+            .filter_map(|orbit| {
+                let rep = orbit.representative();
+                let partner = group.canonical(rep.map(|c| -c));
+                (partner <= rep).then(|| Harmonic {
+                    self_paired: partner == rep,
+                    frequency: lattice.frequency_norm(rep),
+                    scale: (lattice.volume() * orbit.members.len() as f64)
+                        .sqrt()
+                        .recip(),
+                    orbit,
+                })
+            })
+            .collect();
+        Self {
+            group,
+            lattice,
+            radius,
+            harmonics,
+        }
+    }
+
+    /// Number of real basis functions.
+    pub fn len(&self) -> usize {
+        self.harmonics.iter().map(Harmonic::functions).sum()
+    }
+
+    /// Whether there are none (never: the constant is always there).
+    pub fn is_empty(&self) -> bool {
+        self.harmonics.is_empty()
+    }
+
+    /// The group whose operators leave every function unchanged.
+    pub fn group(&self) -> &PointGroup<D> {
+        &self.group
+    }
+
+    /// The lattice of periods.
+    pub fn lattice(&self) -> &Lattice<D> {
+        &self.lattice
+    }
+
+    /// The band limit R.
+    pub fn radius(&self) -> f64 {
+        self.radius
+    }
+
+    /// Orbits and orbit pairs.
+    pub fn harmonics(&self) -> &[Harmonic<D>] {
+        &self.harmonics
+    }
+
+    /// |f| of every basis function.
+    pub fn frequencies(&self) -> Vec<f64> {
+        self.harmonics
+            .iter()
+            .flat_map(|h| std::iter::repeat_n(h.frequency, h.functions()))
+            .collect()
+    }
+
+    /// Coefficients C of the representatives of a function given by its real coefficients.
+    ///
+    /// # Panics
+    /// If `real` is not [`Basis::len`] long.
+    pub fn coefficients(&self, real: &[f64]) -> Vec<(Frequency<D>, [f64; 2])> {
+        assert_eq!(real.len(), self.len(), "one number per basis function");
+        let mut rest = real;
+        self.harmonics
+            .iter()
+            .map(|h| {
+                let (own, tail) = rest.split_at(h.functions());
+                rest = tail;
+                (h.orbit.representative(), h.coefficient(own))
+            })
+            .collect()
+    }
+}

@@ -1,0 +1,176 @@
+//! Lattices: the periods of a cell, in Cartesian reference coordinates.
+
+use super::{Frequency, SymmetryError};
+use nalgebra::{SMatrix, SVector};
+
+/// sqrt(3)/2, the height of the equilateral triangle of edge 1.
+const H: f64 = 0.866_025_403_784_438_6;
+
+/// Name, dimension and vectors of the lattices that have a name; adding one is adding a row.
+const NAMED: [(&str, usize, [[f64; 3]; 3]); 5] = [
+    ("square", 2, [[1., 0., 0.], [0., 1., 0.], [0., 0., 0.]]),
+    ("hex2", 2, [[1., 0., 0.], [0.5, H, 0.], [0., 0., 0.]]),
+    ("cubic", 3, [[1., 0., 0.], [0., 1., 0.], [0., 0., 1.]]),
+    ("hexprism", 3, [[1., 0., 0.], [0.5, H, 0.], [0., 0., 1.]]),
+    // Spanned by the edges of the reference tetrahedron: face-centred cubic of period 2.
+    ("fcc2", 3, [[0., 1., 1.], [1., 0., 1.], [1., 1., 0.]]),
+];
+
+/// A lattice of periods: x = L u with the lattice vectors as columns of L.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Lattice<const D: usize> {
+    columns: SMatrix<f64, D, D>,
+    inverse: SMatrix<f64, D, D>,
+    volume: f64,
+}
+
+impl<const D: usize> Lattice<D> {
+    /// The lattice spanned by these vectors.
+    ///
+    /// # Errors
+    /// [`SymmetryError::Flat`] unless they are finite and independent.
+    pub fn new(vectors: [[f64; D]; D]) -> Result<Self, SymmetryError> {
+        let columns = SMatrix::<f64, D, D>::from_fn(|i, j| vectors[j][i]);
+        let volume = determinant(columns).abs();
+        let longest = vectors.iter().flatten().fold(0f64, |m, c| m.max(c.abs()));
+        let flat = !volume.is_finite() || volume <= 1e-9 * longest.powi(D as i32);
+        match columns.try_inverse() {
+            Some(inverse) if !flat => Ok(Self {
+                columns,
+                inverse,
+                volume,
+            }),
+            _ => Err(SymmetryError::Flat { volume }),
+        }
+    }
+
+    /// The lattice of that name: `square`, `hex2` in the plane; `cubic`, `fcc2`, `hexprism`.
+    ///
+    /// # Errors
+    /// [`SymmetryError::UnknownLattice`].
+    pub fn named(name: &str) -> Result<Self, SymmetryError> {
+        NAMED
+            .iter()
+            .find(|row| row.0 == name && row.1 == D)
+            .map_or_else(
+                || {
+                    let known: Vec<&str> = NAMED.iter().filter(|r| r.1 == D).map(|r| r.0).collect();
+                    Err(SymmetryError::UnknownLattice {
+                        name: name.to_owned(),
+                        dimension: D,
+                        known: known.join(", "),
+                    })
+                },
+                |row| Self::new(block(&row.2)),
+            )
+    }
+
+    /// Its name, if it is one of the named ones (to 1e-9).
+    pub fn name(&self) -> Option<&'static str> {
+        NAMED
+            .iter()
+            .find(|row| {
+                let v: [[f64; D]; D] = block(&row.2);
+                row.1 == D
+                    && (0..D).all(|j| (0..D).all(|i| (self.columns[(i, j)] - v[j][i]).abs() < 1e-9))
+            })
+            .map(|row| row.0)
+    }
+
+    /// The lattice vectors.
+    pub fn vectors(&self) -> [[f64; D]; D] {
+        std::array::from_fn(|j| std::array::from_fn(|i| self.columns[(i, j)]))
+    }
+
+    /// The matrix L whose columns are the lattice vectors.
+    pub fn columns(&self) -> &SMatrix<f64, D, D> {
+        &self.columns
+    }
+
+    /// The matrix L^-1, which turns Cartesian into lattice coordinates.
+    pub fn inverse(&self) -> &SMatrix<f64, D, D> {
+        &self.inverse
+    }
+
+    /// Volume (area) of the period cell, |det L|.
+    pub fn volume(&self) -> f64 {
+        self.volume
+    }
+
+    /// The Cartesian frequency f = L^-T k, in cycles per unit of reference length.
+    pub fn frequency(&self, k: Frequency<D>) -> SVector<f64, D> {
+        self.inverse
+            .tr_mul(&SVector::from_fn(|i, _| f64::from(k[i])))
+    }
+
+    /// Length of the Cartesian frequency of an index.
+    pub fn frequency_norm(&self, k: Frequency<D>) -> f64 {
+        self.frequency(k).norm()
+    }
+
+    /// Every index with |f| <= `radius` (to 1e-9), in lexicographic order.
+    pub fn band(&self, radius: f64) -> Vec<Frequency<D>> {
+        let reach: [i32; D] =
+            std::array::from_fn(|j| (radius * self.columns.column(j).norm() + 1e-9).floor() as i32);
+        let mut all = Vec::new();
+        let mut k = reach.map(|r| -r);
+        loop {
+            if self.frequency_norm(k) <= radius + 1e-9 {
+                all.push(k);
+            }
+            let Some(axis) = (0..D).rev().find(|&a| k[a] < reach[a]) else {
+                return all;
+            };
+            k[axis] += 1;
+            for a in axis + 1..D {
+                k[a] = -reach[a];
+            }
+        }
+    }
+
+    /// The least whole period of the lattice along all Cartesian axes at once, if there is one
+    /// up to 4: 1 for `cubic`, 2 for `fcc2`, none for skew lattices.
+    pub fn cubic_period(&self) -> Option<f64> {
+        [1.0, 2.0, 3.0, 4.0]
+            .into_iter()
+            .find(|p| self.inverse.iter().all(|c| is_whole(c * p)))
+    }
+}
+
+/// Whether a number is an integer to 1e-9.
+pub(super) fn is_whole(c: f64) -> bool {
+    (c - c.round()).abs() < 1e-9
+}
+
+fn block<const D: usize>(rows: &[[f64; 3]; 3]) -> [[f64; D]; D] {
+    std::array::from_fn(|j| std::array::from_fn(|i| rows[j][i]))
+}
+
+/// Determinant by elimination with row pivots (nalgebra's does not compile for generic D).
+fn determinant<const D: usize>(mut m: SMatrix<f64, D, D>) -> f64 {
+    let mut det = 1.0;
+    for c in 0..D {
+        let pivot = (c..D).fold(c, |p, r| {
+            if m[(r, c)].abs() > m[(p, c)].abs() {
+                r
+            } else {
+                p
+            }
+        });
+        if m[(pivot, c)] == 0.0 {
+            return 0.0;
+        }
+        if pivot != c {
+            m.swap_rows(pivot, c);
+            det = -det;
+        }
+        det *= m[(c, c)];
+        for r in c + 1..D {
+            let factor = m[(r, c)] / m[(c, c)];
+            for j in c..D {
+                m[(r, j)] -= factor * m[(c, j)];
+            }
+        }
+    }
+    det
+}

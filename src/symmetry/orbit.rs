@@ -1,0 +1,67 @@
+//! Orbits of frequencies: the indices that share one coefficient.
+
+use super::{Frequency, Lattice, PointGroup};
+
+/// The images of one index under a group.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Orbit<const D: usize> {
+    /// Every image once, in ascending lexicographic order.
+    pub members: Vec<Frequency<D>>,
+    /// How many operators leave a member in place; times the number of members: the group's order.
+    pub stabiliser_order: usize,
+}
+
+impl<const D: usize> Orbit<D> {
+    /// The lexicographically greatest member.
+    pub fn representative(&self) -> Frequency<D> {
+        self.members[self.members.len() - 1]
+    }
+
+    /// Whether -k belongs to it for a member k: then its coefficient is real.
+    pub fn is_self_paired(&self) -> bool {
+        let negative = self.representative().map(|c| -c);
+        self.members.binary_search(&negative).is_ok()
+    }
+
+    /// The factor of the orthonormal function in front of the sum over all operators,
+    /// K = (|L| |S| |Stab|)^(-1/2) (Eq. 5).
+    pub fn normalisation(&self, lattice: &Lattice<D>) -> f64 {
+        let s = self.stabiliser_order as f64;
+        (lattice.volume() * s * s * self.members.len() as f64)
+            .sqrt()
+            .recip()
+    }
+}
+
+impl<const D: usize> PointGroup<D> {
+    /// The orbit of an index.
+    pub fn orbit(&self, k: Frequency<D>) -> Orbit<D> {
+        let mut members: Vec<Frequency<D>> = self
+            .operators()
+            .iter()
+            .map(|op| op.apply_to_frequency(k))
+            .collect();
+        members.sort_unstable();
+        members.dedup();
+        Orbit {
+            stabiliser_order: self.order() / members.len(),
+            members,
+        }
+    }
+
+    /// Every orbit within the ball |f| <= `radius`, in ascending order of (|f|, representative).
+    pub fn orbits(&self, lattice: &Lattice<D>, radius: f64) -> Vec<Orbit<D>> {
+        let mut orbits: Vec<(i64, Orbit<D>)> = lattice
+            .band(radius)
+            .into_iter()
+            .filter(|&k| self.canonical(k) == k)
+            .map(|k| {
+                // |f| to 1e-9, so that equal lengths compare equal.
+                let length = (lattice.frequency_norm(k) * 1e9).round() as i64;
+                (length, self.orbit(k))
+            })
+            .collect();
+        orbits.sort_by_key(|(length, o)| (*length, o.representative()));
+        orbits.into_iter().map(|(_, o)| o).collect()
+    }
+}
