@@ -1,1 +1,3 @@
 //! Level sets in OpenVDB behind a safe interface.
+
+mod ffi;

@@ -1,0 +1,157 @@
+// All that cxx's glue sees of the C++ side. No OpenVDB header is included here (the types are
+// pointers to implementations), so the glue compiles in a second.
+//
+// Every function that can throw is a `Result` on the Rust side. Signs, winding and units are
+// OpenVDB's own here; src/vdb/ corrects them, each in one place.
+#pragma once
+
+#include <rust/cxx.h>
+
+#include <cstdint>
+#include <exception>
+#include <memory>
+
+namespace rust {
+namespace behavior {
+// Only std::exception crosses the bridge by itself; anything else would abort the process.
+template <typename Try, typename Fail>
+static void trycatch(Try&& attempt, Fail&& fail) noexcept {
+  try {
+    attempt();
+  } catch (const std::exception& error) {
+    fail(error.what());
+  } catch (...) {
+    fail("unknown exception");
+  }
+}
+}  // namespace behavior
+}  // namespace rust
+
+namespace druse {
+
+// Rust's: how many threads to use, and whether to go on.
+struct Host;
+
+// Shared structs, defined by the glue.
+struct LeafHead;
+struct Tile;
+struct MetaEntry;
+struct GridFacts;
+struct Smoothing;
+struct Camera;
+enum class Filter : std::uint8_t;
+enum class Csg : std::uint8_t;
+
+// A FloatGrid, or in files a grid of any type.
+class Grid {
+ public:
+  struct Impl;
+  explicit Grid(std::unique_ptr<Impl>);
+  ~Grid();
+  std::unique_ptr<Impl> impl;
+};
+
+// One internal node of 128^3 voxels, not yet part of a tree.
+class Block {
+ public:
+  struct Impl;
+  explicit Block(std::unique_ptr<Impl>);
+  ~Block();
+  std::unique_ptr<Impl> impl;
+};
+
+// Pointers to the leaves of one grid, in order of origin (x, y, z); valid while the grid is unchanged.
+class LeafTable {
+ public:
+  struct Impl;
+  explicit LeafTable(std::unique_ptr<Impl>);
+  ~LeafTable();
+  std::size_t len() const;
+  LeafHead head(std::size_t index) const;
+  rust::Slice<const float> values(std::size_t index) const;
+  std::unique_ptr<Impl> impl;
+};
+
+// The mesh that volumeToMesh made: points in world space, four indices a quad.
+class Surface {
+ public:
+  struct Impl;
+  explicit Surface(std::unique_ptr<Impl>);
+  ~Surface();
+  rust::Slice<const float> points() const;
+  rust::Slice<const std::uint32_t> quads() const;
+  std::unique_ptr<Impl> impl;
+};
+
+// A file opened for reading; grids are read on demand, wholly, never delayed.
+class FileIn {
+ public:
+  struct Impl;
+  explicit FileIn(std::unique_ptr<Impl>);
+  ~FileIn();
+  std::size_t len() const;
+  std::uint32_t version() const;
+  rust::String library() const;
+  rust::Vec<MetaEntry> metadata() const;
+  rust::Vec<rust::String> names() const;
+  std::unique_ptr<Impl> impl;
+};
+
+// The contents of a file to be written.
+class FileOut {
+ public:
+  struct Impl;
+  explicit FileOut(std::unique_ptr<Impl>);
+  ~FileOut();
+  const Grid& grid(std::size_t index) const;
+  std::unique_ptr<Impl> impl;
+};
+
+// grid.cc: grids as wholes, and blocks
+void initialize();
+std::unique_ptr<Grid> grid_new(double voxel_size, float background);
+std::unique_ptr<Grid> grid_copy(const Grid&);
+GridFacts grid_facts(const Grid&);
+std::unique_ptr<Block> block_new(std::int32_t x, std::int32_t y, std::int32_t z, float background);
+void block_add_leaves(Block&, rust::Slice<const std::int32_t> origins, rust::Slice<const std::uint64_t> masks,
+                      rust::Slice<const float> values);
+void grid_attach(Grid&, std::unique_ptr<Block>);
+void grid_flood_fill(Grid&, const Host&);
+std::unique_ptr<Grid> grid_fog(const Grid&, const Host&);
+
+// leaves.cc: what a tree holds
+std::unique_ptr<LeafTable> leaf_table(const Grid&);
+rust::Vec<Tile> grid_tiles(const Grid&);
+void grid_values(const Grid&, rust::Slice<const std::int32_t> voxels, rust::Slice<float> values);
+void grid_samples(const Grid&, rust::Slice<const double> points, rust::Slice<float> values);
+
+// filter.cc: operations that need neighbours
+void grid_filter(Grid&, Filter kind, Smoothing how, const Host&);
+void grid_offset(Grid&, double offset, Smoothing how, const Host&);
+void grid_renormalise(Grid&, Smoothing how, const Host&);
+
+// csg.cc
+void grid_csg(Grid&, std::unique_ptr<Grid> operand, Csg kind, const Host&);
+
+// mesh.cc: to and from meshes
+std::unique_ptr<Surface> grid_to_mesh(const Grid&, double adaptivity, const Host&);
+std::unique_ptr<Grid> grid_from_mesh(rust::Slice<const float> points, rust::Slice<const std::uint32_t> triangles,
+                                     double voxel_size, float half_width, const Host&);
+
+// measure.cc
+double grid_volume(const Grid&, const Host&);
+double grid_area(const Grid&, const Host&);
+
+// file.cc
+std::unique_ptr<FileIn> file_open(rust::Slice<const std::uint8_t> path);
+std::unique_ptr<Grid> file_read(FileIn&, std::size_t index);
+std::unique_ptr<FileOut> file_new();
+std::size_t file_add(FileOut&, const Grid&, rust::Str name, double scale, bool half, const Host&);
+void file_tag(FileOut&, rust::Str key, rust::Str value);
+void file_tag_grid(FileOut&, std::size_t index, rust::Str key, rust::Str value);
+std::int32_t file_write(const FileOut&, std::int32_t descriptor, std::uint32_t compression, const Host&);
+
+// render.cc
+void grid_trace(const Grid&, const Camera&, rust::Slice<float> hits, const Host&);
+
+}  // namespace druse

@@ -1,0 +1,78 @@
+// What the translation units share: the grid behind the pimpl, thread width, the interrupter.
+#pragma once
+
+#include "bridge.h"
+#include "druse/src/vdb/ffi.rs.h"
+
+#include <openvdb/openvdb.h>
+#include <openvdb/util/NullInterrupter.h>
+
+#include <tbb/task_arena.h>
+
+#include <atomic>
+#include <chrono>
+#include <stdexcept>
+#include <string>
+
+namespace druse {
+
+using FloatTree = openvdb::FloatTree;
+using Leaf = FloatTree::LeafNodeType;
+using Node1 = FloatTree::RootNodeType::ChildNodeType::ChildNodeType;
+using Node2 = FloatTree::RootNodeType::ChildNodeType;
+static_assert(Leaf::DIM == 8 && Node1::DIM == 128 && Node2::DIM == 4096, "the 5-4-3 tree");
+
+struct Grid::Impl {
+  openvdb::GridBase::Ptr base;
+  openvdb::FloatGrid::Ptr grid;  // null when the grid is of another type
+
+  explicit Impl(openvdb::GridBase::Ptr any)
+      : base(std::move(any)), grid(openvdb::gridPtrCast<openvdb::FloatGrid>(base)) {}
+};
+
+inline std::unique_ptr<Grid> wrap(openvdb::GridBase::Ptr any) {
+  return std::make_unique<Grid>(std::make_unique<Grid::Impl>(std::move(any)));
+}
+
+inline const openvdb::FloatGrid& floats(const Grid& grid) {
+  if (!grid.impl->grid) throw std::invalid_argument("the grid does not hold floats");
+  return *grid.impl->grid;
+}
+
+inline openvdb::FloatGrid& floats(Grid& grid) {
+  if (!grid.impl->grid) throw std::invalid_argument("the grid does not hold floats");
+  return *grid.impl->grid;
+}
+
+// Asks Rust, at most every 20 ms and from any thread, whether to go on. Once stopped it stays so.
+class Interrupter final : public openvdb::util::NullInterrupter {
+ public:
+  explicit Interrupter(const Host& host) : host_(host) {}
+
+  bool wasInterrupted(int = -1) override {
+    if (stopped_.load(std::memory_order_relaxed)) return true;
+    const auto now = std::chrono::steady_clock::now().time_since_epoch();
+    const auto ms = std::chrono::duration_cast<std::chrono::milliseconds>(now).count();
+    auto next = next_.load(std::memory_order_relaxed);
+    if (ms < next || !next_.compare_exchange_strong(next, ms + 20)) return false;
+    if (host_cancelled(host_)) stopped_ = true;
+    return stopped_;
+  }
+
+  openvdb::util::NullInterrupter* get() { return this; }
+
+ private:
+  const Host& host_;
+  std::atomic<bool> stopped_{false};
+  std::atomic<std::chrono::milliseconds::rep> next_{0};
+};
+
+// Runs `work` on as many threads as the host allows; exceptions come through. The arena is its own,
+// so that a cancelled loop of OpenVDB leaves no cancelled context behind for the next call.
+template <typename Work>
+void in_arena(const Host& host, Work&& work) {
+  tbb::task_arena arena(static_cast<int>(host_threads(host)));
+  arena.execute(std::forward<Work>(work));
+}
+
+}  // namespace druse

@@ -1,0 +1,71 @@
+// Level set to mesh and back, with OpenVDB's own winding: src/vdb/mesh.rs turns it.
+#include "impl.h"
+
+#include <openvdb/tools/MeshToVolume.h>
+#include <openvdb/tools/VolumeToMesh.h>
+
+using namespace openvdb;
+
+namespace druse {
+
+struct Surface::Impl {
+  std::vector<Vec3s> points;
+  std::vector<Vec4I> quads;  // a triangle repeats its last index
+};
+
+Surface::Surface(std::unique_ptr<Impl> i) : impl(std::move(i)) {}
+Surface::~Surface() = default;
+
+rust::Slice<const float> Surface::points() const {
+  static_assert(sizeof(Vec3s) == 3 * sizeof(float), "points are packed");
+  return {reinterpret_cast<const float*>(impl->points.data()), 3 * impl->points.size()};
+}
+
+rust::Slice<const std::uint32_t> Surface::quads() const {
+  static_assert(sizeof(Vec4I) == 4 * sizeof(std::uint32_t), "quads are packed");
+  return {reinterpret_cast<const std::uint32_t*>(impl->quads.data()), 4 * impl->quads.size()};
+}
+
+std::unique_ptr<Surface> grid_to_mesh(const Grid& handle, double adaptivity, const Host& host) {
+  auto surface = std::make_unique<Surface::Impl>();
+  // volumeToMesh takes no interrupter: ask before and after.
+  Interrupter interrupter(host);
+  if (interrupter.wasInterrupted()) throw std::runtime_error("interrupted");
+  in_arena(host, [&] {
+    std::vector<Vec3I> triangles;
+    tools::volumeToMesh(floats(handle), surface->points, triangles, surface->quads, 0.0, adaptivity, true);
+    surface->quads.reserve(surface->quads.size() + triangles.size());
+    for (const Vec3I& t : triangles) surface->quads.emplace_back(t[0], t[1], t[2], t[2]);
+  });
+  if (host_cancelled(host)) throw std::runtime_error("interrupted");
+  return std::make_unique<Surface>(std::move(surface));
+}
+
+std::unique_ptr<Grid> grid_from_mesh(rust::Slice<const float> points, rust::Slice<const std::uint32_t> triangles,
+                                     double voxel_size, float half_width, const Host& host) {
+  const auto transform = math::Transform::createLinearTransform(voxel_size);
+  std::vector<Vec3s> vertices(points.size() / 3);
+  for (std::size_t n = 0; n < vertices.size(); ++n) {
+    const Vec3d world(points[3 * n], points[3 * n + 1], points[3 * n + 2]);
+    vertices[n] = Vec3s(transform->worldToIndex(world));
+  }
+  std::vector<Vec3I> faces(triangles.size() / 3);
+  for (std::size_t n = 0; n < faces.size(); ++n) {
+    faces[n] = Vec3I(triangles[3 * n], triangles[3 * n + 1], triangles[3 * n + 2]);
+    for (int a = 0; a < 3; ++a)
+      if (faces[n][a] >= vertices.size()) throw std::out_of_range("a triangle names a vertex that is not there");
+  }
+  FloatGrid::Ptr grid;
+  Interrupter interrupter(host);
+  in_arena(host, [&] {
+    const tools::QuadAndTriangleDataAdapter<Vec3s, Vec3I> mesh(vertices, faces);
+    grid = tools::meshToVolume<FloatGrid>(static_cast<util::NullInterrupter&>(interrupter), mesh, *transform,
+                                          half_width, half_width);
+  });
+  if (interrupter.wasInterrupted()) throw std::runtime_error("interrupted");
+  grid->setGridClass(GRID_LEVEL_SET);
+  grid->setName("surface");
+  return wrap(grid);
+}
+
+}  // namespace druse

@@ -1,0 +1,249 @@
+//! The one bridge to C++. Units and signs are OpenVDB's here; the modules beside this one correct
+//! them. Nothing of this file is public.
+#![allow(unsafe_code)]
+#![allow(clippy::missing_safety_doc)]
+
+use crate::progress::{Progress, Threads};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+
+/// What a call into OpenVDB may use: so many threads, and the answer to "shall I go on?".
+pub struct Host<'a> {
+    pub threads: &'a Threads,
+    pub progress: &'a dyn Progress,
+}
+
+fn host_threads(host: &Host<'_>) -> usize {
+    host.threads.count()
+}
+
+/// A panic must not reach C++, which would abort: it counts as a wish to stop.
+fn host_cancelled(host: &Host<'_>) -> bool {
+    catch_unwind(AssertUnwindSafe(|| host.progress.cancelled())).unwrap_or(true)
+}
+
+#[cxx::bridge(namespace = "druse")]
+mod bridge {
+    /// Where a leaf stands and which of its voxels are active (word = x, bit = 8 y + z).
+    struct LeafHead {
+        origin: [i32; 3],
+        mask: [u64; 8],
+    }
+
+    /// A cube of one value: active, or inactive inside.
+    #[derive(Clone, Copy)]
+    struct Tile {
+        origin: [i32; 3],
+        edge: i32,
+        value: f32,
+        active: bool,
+    }
+
+    struct MetaEntry {
+        key: String,
+        value: String,
+    }
+
+    /// A grid of any type as the file's reader sees it.
+    struct GridFacts {
+        name: String,
+        value_type: String,
+        class_name: String,
+        voxel_size: [f64; 3],
+        origin: [f64; 3],
+        plain_transform: bool,
+        background: f64,
+        active_voxels: u64,
+        active_tiles: u64,
+        leaves: u64,
+        bytes: u64,
+        empty: bool,
+        box_min: [i32; 3],
+        box_max: [i32; 3],
+        half: bool,
+        metadata: Vec<MetaEntry>,
+    }
+
+    enum Filter {
+        Mean,
+        Gaussian,
+        Median,
+        Laplacian,
+        Curvature,
+    }
+
+    enum Csg {
+        Union,
+        Intersection,
+        Difference,
+    }
+
+    /// Width in voxels, repetitions, scheme; `normalisations` < 0 keeps OpenVDB's count.
+    struct Smoothing {
+        width: i32,
+        iterations: i32,
+        high_order: bool,
+        normalisations: i32,
+    }
+
+    /// A picture of `columns` x `rows` samples; the ray of sample (i, j) starts at
+    /// `eye + (i + 1/2) du + (j + 1/2) dv` and runs along `forward`, or from `eye` through that point.
+    struct Camera {
+        eye: [f64; 3],
+        corner: [f64; 3],
+        du: [f64; 3],
+        dv: [f64; 3],
+        forward: [f64; 3],
+        perspective: bool,
+        columns: usize,
+        rows: usize,
+        cut_axis: i32,
+        cut: f64,
+    }
+
+    extern "Rust" {
+        type Host<'a>;
+        fn host_threads(host: &Host<'_>) -> usize;
+        fn host_cancelled(host: &Host<'_>) -> bool;
+    }
+
+    unsafe extern "C++" {
+        include!("bridge.h");
+
+        type Grid;
+        type Block;
+        type LeafTable;
+        type Surface;
+        type FileIn;
+        type FileOut;
+
+        /// Registers the grid types; may be called again.
+        fn initialize() -> Result<()>;
+        /// An empty level set; world units.
+        fn grid_new(voxel_size: f64, background: f32) -> Result<UniquePtr<Grid>>;
+        fn grid_copy(grid: &Grid) -> Result<UniquePtr<Grid>>;
+        fn grid_facts(grid: &Grid) -> Result<GridFacts>;
+        /// An empty block at a multiple of 128.
+        fn block_new(x: i32, y: i32, z: i32, background: f32) -> Result<UniquePtr<Block>>;
+        /// 3 coordinates, 8 mask words and 512 values a leaf.
+        fn block_add_leaves(
+            block: Pin<&mut Block>,
+            origins: &[i32],
+            masks: &[u64],
+            values: &[f32],
+        ) -> Result<()>;
+        /// The grid takes the block over.
+        fn grid_attach(grid: Pin<&mut Grid>, block: UniquePtr<Block>) -> Result<()>;
+        fn grid_flood_fill(grid: Pin<&mut Grid>, host: &Host<'_>) -> Result<()>;
+        /// A fog volume `density` made from a copy.
+        fn grid_fog(grid: &Grid, host: &Host<'_>) -> Result<UniquePtr<Grid>>;
+
+        /// Valid as long as the grid is not changed: the caller's business.
+        fn leaf_table(grid: &Grid) -> Result<UniquePtr<LeafTable>>;
+        fn len(self: &LeafTable) -> usize;
+        fn head(self: &LeafTable, index: usize) -> Result<LeafHead>;
+        fn values(self: &LeafTable, index: usize) -> Result<&[f32]>;
+        /// Active tiles, and inactive ones that are inside.
+        fn grid_tiles(grid: &Grid) -> Result<Vec<Tile>>;
+        /// 3 indices a value.
+        fn grid_values(grid: &Grid, voxels: &[i32], values: &mut [f32]) -> Result<()>;
+        /// 3 world coordinates a value; trilinear.
+        fn grid_samples(grid: &Grid, points: &[f64], values: &mut [f32]) -> Result<()>;
+
+        fn grid_filter(
+            grid: Pin<&mut Grid>,
+            kind: Filter,
+            how: Smoothing,
+            host: &Host<'_>,
+        ) -> Result<()>;
+        /// Adds `offset` (world units) to the distance: positive shrinks the solid.
+        fn grid_offset(
+            grid: Pin<&mut Grid>,
+            offset: f64,
+            how: Smoothing,
+            host: &Host<'_>,
+        ) -> Result<()>;
+        fn grid_renormalise(grid: Pin<&mut Grid>, how: Smoothing, host: &Host<'_>) -> Result<()>;
+        fn grid_csg(
+            grid: Pin<&mut Grid>,
+            operand: UniquePtr<Grid>,
+            kind: Csg,
+            host: &Host<'_>,
+        ) -> Result<()>;
+
+        /// World units; wound clockwise seen from outside.
+        fn grid_to_mesh(grid: &Grid, adaptivity: f64, host: &Host<'_>)
+        -> Result<UniquePtr<Surface>>;
+        fn points(self: &Surface) -> &[f32];
+        fn quads(self: &Surface) -> &[u32];
+        /// `half_width` in voxels.
+        fn grid_from_mesh(
+            points: &[f32],
+            triangles: &[u32],
+            voxel_size: f64,
+            half_width: f32,
+            host: &Host<'_>,
+        ) -> Result<UniquePtr<Grid>>;
+
+        /// World units.
+        fn grid_volume(grid: &Grid, host: &Host<'_>) -> Result<f64>;
+        fn grid_area(grid: &Grid, host: &Host<'_>) -> Result<f64>;
+
+        /// The path's bytes.
+        fn file_open(path: &[u8]) -> Result<UniquePtr<FileIn>>;
+        fn len(self: &FileIn) -> usize;
+        fn version(self: &FileIn) -> u32;
+        fn library(self: &FileIn) -> Result<String>;
+        fn metadata(self: &FileIn) -> Result<Vec<MetaEntry>>;
+        fn names(self: &FileIn) -> Result<Vec<String>>;
+        fn file_read(file: Pin<&mut FileIn>, index: usize) -> Result<UniquePtr<Grid>>;
+
+        fn file_new() -> Result<UniquePtr<FileOut>>;
+        /// Shares the grid's tree when `scale` is 1, else copies it; the grid must not change until
+        /// the file is written. The number of the grid in the file.
+        fn file_add(
+            file: Pin<&mut FileOut>,
+            grid: &Grid,
+            name: &str,
+            scale: f64,
+            half: bool,
+            host: &Host<'_>,
+        ) -> Result<usize>;
+        fn grid(self: &FileOut, index: usize) -> Result<&Grid>;
+        fn file_tag(file: Pin<&mut FileOut>, key: &str, value: &str) -> Result<()>;
+        fn file_tag_grid(
+            file: Pin<&mut FileOut>,
+            index: usize,
+            key: &str,
+            value: &str,
+        ) -> Result<()>;
+        /// 0, or the error number of the first write that failed.
+        fn file_write(
+            file: &FileOut,
+            descriptor: i32,
+            compression: u32,
+            host: &Host<'_>,
+        ) -> Result<i32>;
+
+        /// Four numbers a sample: depth along the ray (infinite: missed) and unit normal.
+        fn grid_trace(
+            grid: &Grid,
+            camera: &Camera,
+            hits: &mut [f32],
+            host: &Host<'_>,
+        ) -> Result<()>;
+    }
+}
+
+pub use bridge::*;
+
+// SAFETY: a Grid is a heap object with no thread affinity; it changes only through Pin<&mut Grid>,
+// and what takes &Grid reads the tree with accessors of its own.
+unsafe impl Send for bridge::Grid {}
+// SAFETY: as above; OpenVDB's trees allow any number of readers.
+unsafe impl Sync for bridge::Grid {}
+// SAFETY: a Block is an internal node that belongs to no tree: nothing is shared with other threads.
+unsafe impl Send for bridge::Block {}
+// SAFETY: a LeafTable holds pointers to leaves that are only read.
+unsafe impl Send for bridge::LeafTable {}
+// SAFETY: as above.
+unsafe impl Sync for bridge::LeafTable {}
