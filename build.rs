@@ -42,11 +42,18 @@ mod bridge {
             .define("OPENVDB_ROOT", &prefix)
             .build_target("druse_vdb")
             .build();
-        println!("cargo::rustc-link-search=native={}", library.join("build").display());
+        let built = library.join("build");
+        println!("cargo::rustc-link-search=native={}", built.display());
         println!("cargo::rustc-link-lib=static=druse_vdb");
-        println!("cargo::rustc-link-search=native={}", prefix.join("lib").display());
-        for dynamic in ["openvdb", "tbb", "stdc++"] {
-            println!("cargo::rustc-link-lib=dylib={dynamic}");
+        let list = std::fs::read_to_string(built.join("libraries.txt"))
+            .map_err(|e| format!("the list of libraries that CMake writes: {e}"))?;
+        for path in list.lines().map(Path::new) {
+            let file = path.file_name().unwrap_or_default().to_string_lossy();
+            let name = file.trim_start_matches("lib").split(".so").next();
+            if let (Some(place), Some(name)) = (path.parent(), name) {
+                println!("cargo::rustc-link-search=native={}", place.display());
+                println!("cargo::rustc-link-lib=dylib={name}");
+            }
         }
         Ok(())
     }
@@ -56,7 +63,9 @@ mod bridge {
         let program = |variable: &str, fallback: &str| {
             let name = env::var(variable).unwrap_or(fallback.into());
             let mut call = Command::new(&name);
-            call.arg("--version").stdout(Stdio::null()).stderr(Stdio::null());
+            call.arg("--version")
+                .stdout(Stdio::null())
+                .stderr(Stdio::null());
             match call.status() {
                 Ok(status) if status.success() => Ok(()),
                 _ => Err(format!("the program {name}")),
@@ -65,13 +74,20 @@ mod bridge {
         program("CXX", "c++")?;
         program("CMAKE", "cmake")?;
         let include = prefix.join("include");
-        for header in ["openvdb/openvdb.h", "boost/uuid/uuid.hpp", "boost/any.hpp", "zlib.h"] {
+        for header in [
+            "openvdb/openvdb.h",
+            "boost/uuid/uuid.hpp",
+            "boost/any.hpp",
+            "zlib.h",
+        ] {
             let own = include.join(header);
-            if !own.exists() && !Path::new("/usr/include").join(header).exists() || (header.starts_with("openvdb") && !own.exists()) {
+            let system = Path::new("/usr/include").join(header);
+            if !own.exists() && (header.starts_with("openvdb") || !system.exists()) {
                 return Err(own.display().to_string());
             }
         }
-        let version = std::fs::read_to_string(include.join("openvdb/version.h")).unwrap_or_default();
+        let version =
+            std::fs::read_to_string(include.join("openvdb/version.h")).unwrap_or_default();
         let major = version
             .lines()
             .find_map(|l| l.strip_prefix("#define OPENVDB_LIBRARY_MAJOR_VERSION_NUMBER "));

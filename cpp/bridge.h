@@ -89,7 +89,6 @@ class FileIn {
   struct Impl;
   explicit FileIn(std::unique_ptr<Impl>);
   ~FileIn();
-  std::size_t len() const;
   std::uint32_t version() const;
   rust::String library() const;
   rust::Vec<MetaEntry> metadata() const;
@@ -111,6 +110,7 @@ class FileOut {
 void initialize();
 std::unique_ptr<Grid> grid_new(double voxel_size, float background);
 std::unique_ptr<Grid> grid_copy(const Grid&);
+void grid_clear(Grid&);
 GridFacts grid_facts(const Grid&);
 std::unique_ptr<Block> block_new(std::int32_t x, std::int32_t y, std::int32_t z, float background);
 void block_add_leaves(Block&, rust::Slice<const std::int32_t> origins, rust::Slice<const std::uint64_t> masks,

@@ -132,7 +132,6 @@ std::unique_ptr<FileIn> file_open(rust::Slice<const std::uint8_t> path) {
   return std::make_unique<FileIn>(std::move(in));
 }
 
-std::size_t FileIn::len() const { return impl->names.size(); }
 std::uint32_t FileIn::version() const { return impl->file.fileVersion(); }
 rust::String FileIn::library() const { return rust::String::lossy(impl->file.version()); }
 rust::Vec<MetaEntry> FileIn::metadata() const { return entries(*impl->file.getMetadata()); }
@@ -159,6 +158,9 @@ std::size_t file_add(FileOut& out, const Grid& handle, rust::Str name, double sc
   } else {
     in_arena(host, [&] {
       grid = source.deepCopy();
+      grid->setTransform(source.transform().copy());
+      grid->transform().postScale(scale);
+      if (source.getGridClass() != GRID_LEVEL_SET) return;  // densities have no unit
       const auto factor = static_cast<float>(scale);
       auto tile = grid->tree().beginValueAll();
       tile.setMaxDepth(FloatTree::ValueAllIter::LEAF_DEPTH - 1);
@@ -169,8 +171,6 @@ std::size_t file_add(FileOut& out, const Grid& handle, rust::Str name, double sc
         for (Index n = 0; n < Leaf::SIZE; ++n) values[n] *= factor;
       });
       grid->tree().root().setBackground(source.background() * factor, /*updateChildNodes=*/false);
-      grid->setTransform(source.transform().copy());
-      grid->transform().postScale(scale);
     });
   }
   grid->setName(text(name));

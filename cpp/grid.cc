@@ -35,6 +35,8 @@ std::unique_ptr<Grid> grid_new(double voxel_size, float background) {
 
 std::unique_ptr<Grid> grid_copy(const Grid& grid) { return wrap(grid.impl->base->deepCopyGrid()); }
 
+void grid_clear(Grid& handle) { floats(handle).clear(); }
+
 namespace {
 
 // Uniform positive scale and translation, nothing else.
@@ -62,7 +64,7 @@ GridFacts grid_facts(const Grid& handle) {
   const GridBase& base = *handle.impl->base;
   GridFacts facts{};
   facts.name = rust::String::lossy(base.getName());
-  facts.value_type = rust::String::lossy(base.type());
+  facts.grid_type = rust::String::lossy(base.type());
   facts.class_name = rust::String::lossy(GridBase::gridClassToString(base.getGridClass()));
   const auto size = base.voxelSize();
   const auto origin = base.transform().indexToWorld(Vec3d(0));

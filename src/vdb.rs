@@ -1,3 +1,228 @@
 //! Level sets in OpenVDB behind a safe interface.
+//!
+//! A [`LevelSet`] is a promise: class level set, cubic voxels, floats, background = half width of the
+//! band x voxel size, signs filled in everywhere. It is born from a [`LevelSetBuilder`] (leaves of
+//! signed distances), a mesh, or a file that passed the same checks; never from raw values. An
+//! operation that fails or is cancelled leaves it empty, never half-done.
+//!
+//! Conventions: negative inside; distances and lengths in world units, widths of kernels in voxels;
+//! triangles counter-clockwise seen from outside. OpenVDB's own differ in two places, each corrected
+//! once: `offset(+d)` shrinks (see [`LevelSet::dilate`]) and its meshes are wound clockwise (see
+//! [`LevelSet::to_mesh`]).
+//!
+//! Every call takes a [`Session`]: threads, progress with cancelling, and the order of the scheme.
+//!
+//! To add a tool: a function in the translation unit of its family under `cpp/` that checks sizes,
+//! does one thing and throws with numbers; one line with units and ownership in the bridge; a method
+//! here that takes this crate's types and alone knows signs and winding; a test of its law.
+//!
+//! ```
+//! use druse::band::evaluate;
+//! use druse::field::Sphere;
+//! use druse::frame::{Aabb, Transform, Vec3};
+//! use druse::progress::{Silent, Threads};
+//! use druse::vdb::{LevelSetBuilder, Session};
+//!
+//! let ball = Sphere { centre: Vec3::zeros(), radius: 10.0 };
+//! let extent = Aabb { min: Vec3::repeat(-10.0), max: Vec3::repeat(10.0) };
+//! let (voxel, threads) = (Transform::new(0.5).unwrap(), Threads::new(2).unwrap());
+//! let session = Session::new(&threads, &Silent);
+//! let builder = LevelSetBuilder::new(voxel, 3.0).unwrap();
+//! evaluate(&ball, voxel, 3.0, &extent, &threads, &Silent, &builder).unwrap();
+//! let mut solid = builder.finish(session).unwrap();
+//! solid.dilate(1.0, session).unwrap();
+//! let exact = 4.0 / 3.0 * std::f64::consts::PI * 11f64.powi(3);
+//! assert!((solid.volume(session).unwrap() / exact - 1.0).abs() < 0.01);
+//! ```
 
+use crate::frame::{Aabb, Transform, Vec3};
+use crate::progress::{Progress, Threads};
+use cxx::UniquePtr;
+
+mod builder;
+mod error;
 mod ffi;
+mod file;
+mod fog;
+mod hash;
+mod leaves;
+mod mesh;
+mod ops;
+mod write;
+
+pub use builder::LevelSetBuilder;
+pub use error::{FileError, VdbError};
+pub use file::{FileInfo, GridInfo, info, read};
+pub use fog::Fog;
+pub use leaves::{LeafView, Leaves, TileView};
+pub use write::{Compression, VdbWriter, Written};
+
+/// How accurately the narrow band is kept a distance after each step of a filter.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Scheme {
+    /// First order, upwind: a third of the time.
+    #[default]
+    First,
+    /// Fifth order (HJ-WENO).
+    Weno5,
+}
+
+/// What operations may use: so many threads, an ear for "stop", and the scheme.
+#[derive(Clone, Copy)]
+pub struct Session<'a> {
+    /// Width of OpenVDB's parallel loops.
+    pub threads: &'a Threads,
+    /// Asked at least every 0.1 s whether to go on, except while meshing.
+    pub progress: &'a dyn Progress,
+    /// Of filters and offsets.
+    pub scheme: Scheme,
+}
+
+impl<'a> Session<'a> {
+    /// A session with the first-order scheme.
+    pub fn new(threads: &'a Threads, progress: &'a dyn Progress) -> Self {
+        Self {
+            threads,
+            progress,
+            scheme: Scheme::First,
+        }
+    }
+
+    /// The same with another scheme.
+    #[must_use]
+    pub fn with_scheme(self, scheme: Scheme) -> Self {
+        Self { scheme, ..self }
+    }
+
+    fn host(&self) -> ffi::Host<'a> {
+        ffi::Host {
+            threads: self.threads,
+            progress: self.progress,
+        }
+    }
+}
+
+/// A narrow-band level set; see the [module](self) for what it promises.
+pub struct LevelSet {
+    grid: UniquePtr<ffi::Grid>,
+    transform: Transform,
+    /// World position of voxel (0, 0, 0); zero unless a file said otherwise.
+    origin: Vec3,
+    /// Voxels.
+    half_width: f64,
+}
+
+impl LevelSet {
+    /// Nothing: empty space everywhere.
+    ///
+    /// # Errors
+    /// As [`LevelSetBuilder::new`].
+    pub fn empty(
+        transform: Transform,
+        half_width: f64,
+        session: Session<'_>,
+    ) -> Result<Self, VdbError> {
+        LevelSetBuilder::new(transform, half_width)?.finish(session)
+    }
+
+    /// Index to world, but for [`LevelSet::origin`].
+    pub fn transform(&self) -> Transform {
+        self.transform
+    }
+
+    /// Edge of a voxel, world units.
+    pub fn voxel_size(&self) -> f64 {
+        self.transform.voxel_size()
+    }
+
+    /// World position of voxel (0, 0, 0): zero for all that Druse makes.
+    pub fn origin(&self) -> Vec3 {
+        self.origin
+    }
+
+    /// Half width of the band in voxels.
+    pub fn half_width(&self) -> f64 {
+        self.half_width
+    }
+
+    /// Half width of the band in world units.
+    pub fn background(&self) -> f64 {
+        self.half_width * self.voxel_size()
+    }
+
+    /// Active voxels, leaves, bytes and the box of active voxels.
+    ///
+    /// # Errors
+    /// Only what OpenVDB itself refuses.
+    pub fn info(&self) -> Result<GridInfo, VdbError> {
+        let facts = ffi::grid_facts(&self.grid).map_err(|e| VdbError::plain("counting", &e))?;
+        Ok(GridInfo::from_facts(facts))
+    }
+
+    /// Voxels of the narrow band.
+    ///
+    /// # Errors
+    /// As [`LevelSet::info`].
+    pub fn active_voxels(&self) -> Result<u64, VdbError> {
+        Ok(self.info()?.active_voxels)
+    }
+
+    /// Memory that the tree takes, bytes.
+    ///
+    /// # Errors
+    /// As [`LevelSet::info`].
+    pub fn bytes(&self) -> Result<u64, VdbError> {
+        Ok(self.info()?.bytes)
+    }
+
+    /// The box around the solid in world units, to a small part of a voxel; empty for an empty one.
+    ///
+    /// # Errors
+    /// As [`LevelSet::leaves`].
+    pub fn bounds(&self) -> Result<Aabb, VdbError> {
+        let mut bounds = Aabb::EMPTY;
+        self.for_each_leaf(|leaf| {
+            for (n, &v) in leaf.values.iter().enumerate() {
+                if v < 0.0 && leaf.is_active(n) {
+                    // A ball of radius |v| around an inside voxel is inside.
+                    let p = self.transform.world(leaf.voxel(n)).0 + self.origin;
+                    let r = f64::from(-v);
+                    bounds = bounds.union(Aabb {
+                        min: p.add_scalar(-r),
+                        max: p.add_scalar(r),
+                    });
+                }
+            }
+        })?;
+        Ok(bounds)
+    }
+
+    /// Volume of the solid, world units cubed.
+    ///
+    /// # Errors
+    /// Only what OpenVDB itself refuses.
+    pub fn volume(&self, session: Session<'_>) -> Result<f64, VdbError> {
+        ffi::grid_volume(&self.grid, &session.host())
+            .map_err(|e| VdbError::of("measuring", session, &e))
+    }
+
+    /// Area of the surface, world units squared.
+    ///
+    /// # Errors
+    /// Only what OpenVDB itself refuses.
+    pub fn area(&self, session: Session<'_>) -> Result<f64, VdbError> {
+        ffi::grid_area(&self.grid, &session.host())
+            .map_err(|e| VdbError::of("measuring", session, &e))
+    }
+
+    /// An independent copy.
+    ///
+    /// # Errors
+    /// Only what OpenVDB itself refuses (memory).
+    pub fn duplicate(&self) -> Result<Self, VdbError> {
+        Ok(Self {
+            grid: ffi::grid_copy(&self.grid).map_err(|e| VdbError::plain("copying", &e))?,
+            ..*self
+        })
+    }
+}

@@ -46,7 +46,8 @@ mod bridge {
     /// A grid of any type as the file's reader sees it.
     struct GridFacts {
         name: String,
-        value_type: String,
+        /// As in `Tree_float_5_4_3`.
+        grid_type: String,
         class_name: String,
         voxel_size: [f64; 3],
         origin: [f64; 3],
@@ -121,6 +122,8 @@ mod bridge {
         /// An empty level set; world units.
         fn grid_new(voxel_size: f64, background: f32) -> Result<UniquePtr<Grid>>;
         fn grid_copy(grid: &Grid) -> Result<UniquePtr<Grid>>;
+        /// Leaves background everywhere; voxels stay what they are.
+        fn grid_clear(grid: Pin<&mut Grid>) -> Result<()>;
         fn grid_facts(grid: &Grid) -> Result<GridFacts>;
         /// An empty block at a multiple of 128.
         fn block_new(x: i32, y: i32, z: i32, background: f32) -> Result<UniquePtr<Block>>;
@@ -171,8 +174,11 @@ mod bridge {
         ) -> Result<()>;
 
         /// World units; wound clockwise seen from outside.
-        fn grid_to_mesh(grid: &Grid, adaptivity: f64, host: &Host<'_>)
-        -> Result<UniquePtr<Surface>>;
+        fn grid_to_mesh(
+            grid: &Grid,
+            adaptivity: f64,
+            host: &Host<'_>,
+        ) -> Result<UniquePtr<Surface>>;
         fn points(self: &Surface) -> &[f32];
         fn quads(self: &Surface) -> &[u32];
         /// `half_width` in voxels.
@@ -190,7 +196,6 @@ mod bridge {
 
         /// The path's bytes.
         fn file_open(path: &[u8]) -> Result<UniquePtr<FileIn>>;
-        fn len(self: &FileIn) -> usize;
         fn version(self: &FileIn) -> u32;
         fn library(self: &FileIn) -> Result<String>;
         fn metadata(self: &FileIn) -> Result<Vec<MetaEntry>>;

@@ -1,0 +1,137 @@
+//! From leaves to a level set: blocks filled on any thread, attached by pointer, filled with signs.
+
+use super::ffi;
+use super::{LevelSet, Session, VdbError};
+use crate::band::{LeafBatch, LeafSink, SinkError};
+use crate::frame::{Coord, Transform, Vec3};
+use cxx::UniquePtr;
+use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex, PoisonError};
+
+type SharedBlock = Arc<Mutex<UniquePtr<ffi::Block>>>;
+
+/// The only way from raw values to a [`LevelSet`]: a [`LeafSink`] that keeps each block of 128^3
+/// voxels as an internal node of its own until [`LevelSetBuilder::finish`].
+///
+/// Values are signed distances in world units, negative inside; inactive voxels of a leaf hold minus
+/// or plus the background, because the signs of everything else are derived from them.
+pub struct LevelSetBuilder {
+    transform: Transform,
+    half_width: f64,
+    background: f32,
+    blocks: Mutex<BTreeMap<Coord, SharedBlock>>,
+}
+
+impl LevelSetBuilder {
+    /// A builder of level sets whose band is `half_width` voxels wide on each side.
+    ///
+    /// # Errors
+    /// [`VdbError::Parameter`] unless the half width is a finite number of at least 1, and half width
+    /// times voxel size a normal `f32`.
+    pub fn new(transform: Transform, half_width: f64) -> Result<Self, VdbError> {
+        if !(half_width.is_finite() && half_width >= 1.0) {
+            return Err(VdbError::Parameter {
+                name: "half width of the band in voxels",
+                value: half_width,
+                expected: "a finite number of at least 1",
+            });
+        }
+        let background = (half_width * transform.voxel_size()) as f32;
+        if !background.is_normal() {
+            return Err(VdbError::Parameter {
+                name: "half width of the band in world units",
+                value: half_width * transform.voxel_size(),
+                expected: "a number that 32 bits can hold",
+            });
+        }
+        Ok(Self {
+            transform,
+            half_width,
+            background,
+            blocks: Mutex::default(),
+        })
+    }
+
+    /// Half width of the band in world units: what inactive voxels hold, up to sign.
+    pub fn background(&self) -> f32 {
+        self.background
+    }
+
+    /// Puts the blocks together, in order of origin, and fills in the signs beyond the band.
+    ///
+    /// # Errors
+    /// Only what OpenVDB itself refuses (memory).
+    pub fn finish(self, session: Session<'_>) -> Result<LevelSet, VdbError> {
+        let failed = |e: cxx::Exception| VdbError::plain("building a level set", &e);
+        let blocks = self
+            .blocks
+            .into_inner()
+            .unwrap_or_else(PoisonError::into_inner);
+        let mut grid =
+            ffi::grid_new(self.transform.voxel_size(), self.background).map_err(failed)?;
+        for block in blocks.into_values() {
+            if let Some(block) = Arc::into_inner(block) {
+                let block = block.into_inner().unwrap_or_else(PoisonError::into_inner);
+                ffi::grid_attach(grid.pin_mut(), block).map_err(failed)?;
+            }
+        }
+        ffi::grid_flood_fill(grid.pin_mut(), &session.host()).map_err(failed)?;
+        Ok(LevelSet {
+            grid,
+            transform: self.transform,
+            origin: Vec3::zeros(),
+            half_width: self.half_width,
+        })
+    }
+
+    /// Refuses what would break the promise: NaN, infinity, values beyond the band.
+    fn validate(&self, leaves: &LeafBatch) -> Result<(), VdbError> {
+        // Rounding of the caller's own background.
+        let most = self.background * (1.0 + 1e-5);
+        for (origin, values) in leaves.origins.iter().zip(&leaves.values) {
+            // NaN fails the comparison too.
+            if values.iter().all(|v| v.abs() <= most) {
+                continue;
+            }
+            for (n, &value) in values.iter().enumerate() {
+                if !(value.abs() <= most) {
+                    let n = n as i32;
+                    return Err(VdbError::Value {
+                        voxel: origin.offset(n >> 6, n >> 3 & 7, n & 7),
+                        value,
+                        background: self.background,
+                    });
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn block_at(&self, origin: Coord) -> Result<SharedBlock, cxx::Exception> {
+        let mut blocks = self.blocks.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(block) = blocks.get(&origin) {
+            return Ok(Arc::clone(block));
+        }
+        let [x, y, z] = origin.0;
+        let block = Arc::new(Mutex::new(ffi::block_new(x, y, z, self.background)?));
+        blocks.insert(origin, Arc::clone(&block));
+        Ok(block)
+    }
+}
+
+impl LeafSink for LevelSetBuilder {
+    fn block(&self, origin: Coord, leaves: LeafBatch) -> Result<(), SinkError> {
+        self.validate(&leaves).map_err(SinkError::new)?;
+        let failed = |e| SinkError::new(VdbError::plain("building a block", &e));
+        let block = self.block_at(origin).map_err(failed)?;
+        let origins: Vec<[i32; 3]> = leaves.origins.iter().map(|o| o.0).collect();
+        let mut block = block.lock().unwrap_or_else(PoisonError::into_inner);
+        ffi::block_add_leaves(
+            block.pin_mut(),
+            origins.as_flattened(),
+            leaves.masks.as_flattened(),
+            leaves.values.as_flattened(),
+        )
+        .map_err(failed)
+    }
+}

@@ -1,0 +1,300 @@
+//! Reading `.vdb` files: what is in them, and level sets out of them. Always whole and eager:
+//! OpenVDB's delayed loading of a damaged file crashes, hangs or eats all memory. Files of others are
+//! best looked at by a child process first, see [`isolate`](super::isolate).
+
+use super::hash::ContentHash;
+use super::leaves::Leaves;
+use super::{FileError, LevelSet, Session, ffi};
+use crate::frame::{Transform, Vec3};
+use cxx::UniquePtr;
+use serde::{Deserialize, Serialize};
+use std::fs::File;
+use std::io::Read;
+use std::os::unix::ffi::OsStrExt;
+use std::path::Path;
+
+/// One grid of a file, of any type.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct GridInfo {
+    /// Its name; equal names are numbered, as in `surface[1]`.
+    pub name: String,
+    /// OpenVDB's type, as in `Tree_float_5_4_3`.
+    #[serde(rename = "type")]
+    pub grid_type: String,
+    /// `level set`, `fog volume`, `staggered` or `unknown`.
+    pub class: String,
+    /// Edges of a voxel, the file's unit.
+    pub voxel_size: [f64; 3],
+    /// World position of voxel (0, 0, 0), the file's unit.
+    pub origin: [f64; 3],
+    /// Whether voxels are cubes along the axes.
+    pub cubic: bool,
+    /// Value where nothing is stored, for grids of numbers.
+    pub background: Option<f64>,
+    /// Voxels that are active, tiles included.
+    pub active_voxels: u64,
+    /// Tiles that are active (grids of floats).
+    pub active_tiles: u64,
+    /// Leaves of 8^3 voxels.
+    pub leaves: u64,
+    /// Memory that the tree takes.
+    pub bytes: u64,
+    /// First and last active voxel on each axis.
+    pub bbox: Option<[[i32; 3]; 2]>,
+    /// Whether its floats are stored as half floats.
+    pub half: bool,
+    /// How its values are compressed in the file.
+    pub compression: Option<String>,
+    /// All metadata, as text.
+    pub metadata: Vec<(String, String)>,
+}
+
+impl GridInfo {
+    pub(super) fn from_facts(facts: ffi::GridFacts) -> Self {
+        let metadata: Vec<_> = facts
+            .metadata
+            .into_iter()
+            .map(|m| (m.key, m.value))
+            .collect();
+        Self {
+            name: facts.name,
+            grid_type: facts.grid_type,
+            class: facts.class_name,
+            voxel_size: facts.voxel_size,
+            origin: facts.origin,
+            cubic: facts.plain_transform,
+            background: (!facts.background.is_nan()).then_some(facts.background),
+            active_voxels: facts.active_voxels,
+            active_tiles: facts.active_tiles,
+            leaves: facts.leaves,
+            bytes: facts.bytes,
+            bbox: (!facts.empty).then_some([facts.box_min, facts.box_max]),
+            half: facts.half,
+            compression: lookup(&metadata, "file_compression"),
+            metadata,
+        }
+    }
+
+    /// A metadata value.
+    pub fn meta(&self, key: &str) -> Option<String> {
+        lookup(&self.metadata, key)
+    }
+}
+
+/// A file as a whole.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FileInfo {
+    /// File format: 224 for OpenVDB 4 to 12.
+    pub version: u32,
+    /// Library and format that wrote it, as in `10.0/224`.
+    pub library: String,
+    /// Size of the file.
+    pub bytes: u64,
+    /// Metadata of the file itself.
+    pub metadata: Vec<(String, String)>,
+    /// Its grids, in the file's order.
+    pub grids: Vec<GridInfo>,
+    /// Content hash over all grids; absent when a grid holds no floats.
+    pub content_hash: Option<String>,
+}
+
+impl FileInfo {
+    /// A metadata value of the file itself.
+    pub fn meta(&self, key: &str) -> Option<String> {
+        lookup(&self.metadata, key)
+    }
+}
+
+fn lookup(metadata: &[(String, String)], key: &str) -> Option<String> {
+    metadata
+        .iter()
+        .find(|(k, _)| k == key)
+        .map(|(_, v)| v.clone())
+}
+
+/// Reads a whole file and describes it, one grid in memory at a time.
+///
+/// # Errors
+/// [`FileError::Io`] for a missing file, [`FileError::Damaged`] for one that is not whole.
+pub fn info(path: &Path) -> Result<FileInfo, FileError> {
+    let damaged = |e: cxx::Exception| FileError::damaged(path, &e);
+    let mut file = open(path)?;
+    let names = file.names().map_err(damaged)?;
+    let mut hash = Some(ContentHash::default());
+    let mut grids = Vec::with_capacity(names.len());
+    let mut order: Vec<_> = (0..names.len()).collect();
+    order.sort_by_key(|&index| &names[index]); // of the hash
+    for index in order {
+        let name = &names[index];
+        let grid = ffi::file_read(file.pin_mut(), index).map_err(damaged)?;
+        let facts = ffi::grid_facts(&grid).map_err(damaged)?;
+        if facts.grid_type == FLOATS {
+            if let Some(hash) = &mut hash {
+                hash.add(name, &grid).map_err(damaged)?;
+            }
+        } else {
+            hash = None;
+        }
+        let info = GridInfo {
+            name: name.clone(),
+            ..GridInfo::from_facts(facts)
+        };
+        grids.push((index, info));
+    }
+    grids.sort_by_key(|(index, _)| *index);
+    let metadata = file.metadata().map_err(damaged)?;
+    Ok(FileInfo {
+        version: file.version(),
+        library: file.library().map_err(damaged)?,
+        bytes: std::fs::metadata(path)
+            .map_err(|e| FileError::io(path, e))?
+            .len(),
+        metadata: metadata.into_iter().map(|m| (m.key, m.value)).collect(),
+        grids: grids.into_iter().map(|(_, info)| info).collect(),
+        content_hash: hash.map(|h| h.finish()),
+    })
+}
+
+const FLOATS: &str = "Tree_float_5_4_3";
+
+/// Reads a level set. Without a name: the grid `surface`, or the only level set of the file.
+///
+/// # Errors
+/// [`FileError::Io`], [`FileError::Damaged`], [`FileError::NoGrid`], or [`FileError::NotALevelSet`]
+/// when the grid does not keep a [`LevelSet`]'s promise.
+pub fn read(path: &Path, name: Option<&str>, session: Session<'_>) -> Result<LevelSet, FileError> {
+    let damaged = |e: cxx::Exception| FileError::damaged(path, &e);
+    let mut file = open(path)?;
+    let names = file.names().map_err(damaged)?;
+    let no_grid = |present| FileError::NoGrid {
+        path: path.to_owned(),
+        wanted: name.unwrap_or("surface").to_owned(),
+        present,
+    };
+    if let Some(index) = names.iter().position(|n| n == name.unwrap_or("surface")) {
+        let grid = ffi::file_read(file.pin_mut(), index).map_err(damaged)?;
+        return adopt(path, &names[index], grid, session);
+    }
+    if name.is_some() {
+        return Err(no_grid(names));
+    }
+    let mut found = None;
+    let mut present = Vec::new();
+    for (index, name) in names.iter().enumerate() {
+        let grid = ffi::file_read(file.pin_mut(), index).map_err(damaged)?;
+        let facts = ffi::grid_facts(&grid).map_err(damaged)?;
+        present.push(format!(
+            "{name} ({}, {})",
+            facts.grid_type, facts.class_name
+        ));
+        if facts.class_name == "level set" {
+            if found.is_some() {
+                return Err(no_grid(names.clone()));
+            }
+            found = Some((name.clone(), grid));
+        }
+    }
+    match found {
+        Some((name, grid)) => adopt(path, &name, grid, session),
+        None => Err(no_grid(present)),
+    }
+}
+
+/// Opens a file after a look at its first bytes, which OpenVDB would report as riddles.
+fn open(path: &Path) -> Result<UniquePtr<ffi::FileIn>, FileError> {
+    let io = |e| FileError::io(path, e);
+    let mut head = Vec::new();
+    let file = File::open(path).map_err(io)?;
+    if file.metadata().map_err(io)?.is_dir() {
+        return Err(io(std::io::ErrorKind::IsADirectory.into()));
+    }
+    file.take(12).read_to_end(&mut head).map_err(io)?;
+    let not = |reason: String| FileError::Damaged {
+        path: path.to_owned(),
+        reason,
+    };
+    // The magic number 0x56444220 as i64, then the format as u32.
+    if !head.starts_with(&[0x20, 0x42, 0x44, 0x56, 0, 0, 0, 0]) {
+        return Err(not("the first bytes are not those of a .vdb file".into()));
+    }
+    let Some(&version) = head.get(8..).and_then(<[u8]>::first_chunk) else {
+        return Err(not(format!("it ends after {} bytes", head.len())));
+    };
+    let version = u32::from_le_bytes(version);
+    if version > 224 {
+        return Err(not(format!("it is of format {version}")));
+    }
+    let opened = ffi::initialize().and_then(|()| ffi::file_open(path.as_os_str().as_bytes()));
+    opened.map_err(|e| FileError::damaged(path, &e))
+}
+
+/// Takes a grid over after checking all that a [`LevelSet`] promises.
+fn adopt(
+    path: &Path,
+    name: &str,
+    mut grid: UniquePtr<ffi::Grid>,
+    session: Session<'_>,
+) -> Result<LevelSet, FileError> {
+    let damaged = |e: cxx::Exception| FileError::damaged(path, &e);
+    let facts = ffi::grid_facts(&grid).map_err(damaged)?;
+    let refuse = |found: String, expected| FileError::NotALevelSet {
+        path: path.to_owned(),
+        grid: name.to_owned(),
+        found,
+        expected,
+    };
+    if facts.grid_type != FLOATS {
+        return Err(refuse(format!("the type {}", facts.grid_type), FLOATS));
+    }
+    if facts.class_name != "level set" {
+        return Err(refuse(
+            format!("the class {}", facts.class_name),
+            "the class level set",
+        ));
+    }
+    let transform = Transform::new(facts.voxel_size[0]).filter(|_| facts.plain_transform);
+    let Some(transform) = transform else {
+        return Err(refuse(
+            format!("voxels of {:?} or a rotation", facts.voxel_size),
+            "cubic voxels along the axes",
+        ));
+    };
+    let half_width = facts.background / transform.voxel_size();
+    if !(half_width.is_finite() && half_width >= 1.0 && (facts.background as f32).is_normal()) {
+        return Err(refuse(
+            format!("the background {}", facts.background),
+            "at least one voxel",
+        ));
+    }
+    if facts.active_tiles > 0 {
+        return Err(refuse(
+            format!("{} active tiles", facts.active_tiles),
+            "a narrow band, active in leaves only",
+        ));
+    }
+    let leaves = Leaves::of_grid(&grid).map_err(damaged)?;
+    for leaf in leaves.iter() {
+        if let Some(n) = leaf.values.iter().position(|v| !v.is_finite()) {
+            let found = format!("{} at voxel {:?}", leaf.values[n], leaf.voxel(n).0);
+            return Err(refuse(found, "finite numbers"));
+        }
+    }
+    drop(leaves);
+    ffi::grid_flood_fill(grid.pin_mut(), &session.host()).map_err(damaged)?;
+    Ok(LevelSet {
+        grid,
+        transform,
+        origin: Vec3::from(facts.origin),
+        half_width,
+    })
+}
+
+impl LevelSet {
+    /// Reads a level set; see [`read`].
+    ///
+    /// # Errors
+    /// As [`read`].
+    pub fn read(path: &Path, name: Option<&str>, session: Session<'_>) -> Result<Self, FileError> {
+        read(path, name, session)
+    }
+}

@@ -1,0 +1,169 @@
+//! What a level set holds, seen from Rust without copies: leaves in order of origin, and tiles.
+
+use super::{LevelSet, VdbError, ffi};
+use crate::frame::{Coord, WorldPoint};
+use cxx::UniquePtr;
+use std::marker::PhantomData;
+
+/// One leaf of 8^3 voxels: voxel (x, y, z) has offset `(x << 6) | (y << 3) | z`, its mask bit is bit
+/// `8 y + z` of word `x`.
+#[derive(Clone, Copy, Debug)]
+pub struct LeafView<'a> {
+    /// Least voxel, a multiple of 8 on every axis.
+    pub origin: Coord,
+    /// Which voxels are active.
+    pub mask: [u64; 8],
+    /// Signed distances in world units, negative inside; inactive voxels hold the background.
+    pub values: &'a [f32; 512],
+}
+
+impl LeafView<'_> {
+    /// The voxel at an offset.
+    pub fn voxel(&self, offset: usize) -> Coord {
+        let n = offset as i32;
+        self.origin.offset(n >> 6, n >> 3 & 7, n & 7)
+    }
+
+    /// Whether the voxel at an offset is active.
+    pub fn is_active(&self, offset: usize) -> bool {
+        self.mask[offset >> 6] >> (offset & 63) & 1 == 1
+    }
+
+    /// Active values in order of offset.
+    pub fn active(&self) -> impl Iterator<Item = f32> + '_ {
+        let words = self.mask.iter().enumerate();
+        words.flat_map(move |(x, &word)| {
+            std::iter::successors((word != 0).then_some(word), |w| {
+                let rest = w & (w - 1);
+                (rest != 0).then_some(rest)
+            })
+            .map(move |w| self.values[64 * x + w.trailing_zeros() as usize])
+        })
+    }
+
+    /// Whether any voxel is active.
+    pub fn any_active(&self) -> bool {
+        self.mask.iter().any(|&w| w != 0)
+    }
+}
+
+/// A cube of one value above the leaves: inactive inside, or (in files of others) active.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TileView {
+    /// Least voxel.
+    pub origin: Coord,
+    /// Edge in voxels: 8, 128 or 4096.
+    pub edge: i32,
+    /// Its value.
+    pub value: f32,
+    /// Whether its voxels count as active.
+    pub active: bool,
+}
+
+/// The leaves of a level set, in order of origin (x, then y, then z).
+pub struct Leaves<'a> {
+    table: UniquePtr<ffi::LeafTable>,
+    /// The table points into the level set, which must not change meanwhile.
+    level_set: PhantomData<&'a LevelSet>,
+}
+
+impl Leaves<'_> {
+    pub(super) fn of_grid(grid: &ffi::Grid) -> Result<Self, cxx::Exception> {
+        Ok(Self {
+            table: ffi::leaf_table(grid)?,
+            level_set: PhantomData,
+        })
+    }
+
+    /// Number of leaves.
+    pub fn len(&self) -> usize {
+        self.table.len()
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Leaf number `index` of [`Leaves::len`]; may be called from any thread.
+    pub fn get(&self, index: usize) -> Option<LeafView<'_>> {
+        let head = self.table.head(index).ok()?;
+        let values = self.table.values(index).ok()?.first_chunk()?;
+        Some(LeafView {
+            origin: Coord(head.origin),
+            mask: head.mask,
+            values,
+        })
+    }
+
+    /// All leaves, in order.
+    pub fn iter(&self) -> impl Iterator<Item = LeafView<'_>> {
+        (0..self.len()).filter_map(|n| self.get(n))
+    }
+}
+
+impl LevelSet {
+    /// The leaves, in order of origin.
+    ///
+    /// # Errors
+    /// Only what OpenVDB itself refuses (memory).
+    pub fn leaves(&self) -> Result<Leaves<'_>, VdbError> {
+        Leaves::of_grid(&self.grid).map_err(|e| VdbError::plain("listing leaves", &e))
+    }
+
+    /// Calls `visit` with every leaf, in order of origin.
+    ///
+    /// # Errors
+    /// As [`LevelSet::leaves`].
+    pub fn for_each_leaf(&self, visit: impl FnMut(LeafView<'_>)) -> Result<(), VdbError> {
+        self.leaves()?.iter().for_each(visit);
+        Ok(())
+    }
+
+    /// The tiles that are active or inside, in order of origin.
+    ///
+    /// # Errors
+    /// Only what OpenVDB itself refuses (memory).
+    pub fn tiles(&self) -> Result<Vec<TileView>, VdbError> {
+        tiles_of(&self.grid).map_err(|e| VdbError::plain("listing tiles", &e))
+    }
+
+    /// Signed distances at voxels, world units, negative inside; minus or plus the half width of the
+    /// band beyond it.
+    ///
+    /// # Errors
+    /// Only what OpenVDB itself refuses.
+    pub fn values(&self, voxels: &[Coord]) -> Result<Vec<f32>, VdbError> {
+        let flat: Vec<[i32; 3]> = voxels.iter().map(|v| v.0).collect();
+        let mut values = vec![0.0; voxels.len()];
+        ffi::grid_values(&self.grid, flat.as_flattened(), &mut values)
+            .map_err(|e| VdbError::plain("looking values up", &e))?;
+        Ok(values)
+    }
+
+    /// Signed distances at points of the world, trilinear between voxels.
+    ///
+    /// # Errors
+    /// Only what OpenVDB itself refuses.
+    pub fn samples(&self, points: &[WorldPoint]) -> Result<Vec<f32>, VdbError> {
+        let flat: Vec<[f64; 3]> = points.iter().map(|p| p.0.into()).collect();
+        let mut values = vec![0.0; points.len()];
+        ffi::grid_samples(&self.grid, flat.as_flattened(), &mut values)
+            .map_err(|e| VdbError::plain("sampling", &e))?;
+        Ok(values)
+    }
+}
+
+pub(super) fn tiles_of(grid: &ffi::Grid) -> Result<Vec<TileView>, cxx::Exception> {
+    let mut tiles: Vec<TileView> = ffi::grid_tiles(grid)?
+        .into_iter()
+        .map(|t| TileView {
+            origin: Coord(t.origin),
+            edge: t.edge,
+            value: t.value,
+            active: t.active,
+        })
+        .collect();
+    tiles.sort_by_key(|t| t.origin);
+    Ok(tiles)
+}

@@ -1,0 +1,242 @@
+//! Operations that need neighbours, and boolean ones. Signs are corrected here: OpenVDB's
+//! `offset(+d)` adds d to the distance, which shrinks the solid.
+
+use super::ffi::{self, Csg, Filter, Smoothing};
+use super::{LevelSet, Scheme, Session, VdbError};
+use std::pin::Pin;
+
+fn smoothing(width: u32, iterations: u32, session: Session<'_>) -> Smoothing {
+    Smoothing {
+        width: i32::try_from(width).unwrap_or(i32::MAX),
+        iterations: i32::try_from(iterations).unwrap_or(i32::MAX),
+        high_order: session.scheme == Scheme::Weno5,
+        normalisations: -1,
+    }
+}
+
+impl LevelSet {
+    /// Moves the surface outwards by `distance` (world units). Takes time in proportion to
+    /// distance / voxel size.
+    ///
+    /// # Errors
+    /// [`VdbError::Parameter`] unless the distance is finite and not negative,
+    /// [`VdbError::Cancelled`], or what OpenVDB refuses.
+    pub fn dilate(&mut self, distance: f64, session: Session<'_>) -> Result<(), VdbError> {
+        self.move_surface("dilate", checked(distance)?, session)
+    }
+
+    /// Moves the surface inwards by `distance` (world units); what is thinner than twice that
+    /// vanishes.
+    ///
+    /// # Errors
+    /// As [`LevelSet::dilate`].
+    pub fn erode(&mut self, distance: f64, session: Session<'_>) -> Result<(), VdbError> {
+        self.move_surface("erode", -checked(distance)?, session)
+    }
+
+    /// Erodes, then dilates by `distance` (world units): what is thinner than twice that is gone.
+    ///
+    /// # Errors
+    /// As [`LevelSet::dilate`].
+    pub fn open(&mut self, distance: f64, session: Session<'_>) -> Result<(), VdbError> {
+        self.erode(distance, session)?;
+        self.dilate(distance, session)
+    }
+
+    /// Dilates, then erodes by `distance` (world units): gaps narrower than twice that are closed.
+    ///
+    /// # Errors
+    /// As [`LevelSet::dilate`].
+    pub fn close(&mut self, distance: f64, session: Session<'_>) -> Result<(), VdbError> {
+        self.dilate(distance, session)?;
+        self.erode(distance, session)
+    }
+
+    /// The one place that knows OpenVDB's sign: `outwards` > 0 grows the solid.
+    fn move_surface(
+        &mut self,
+        doing: &'static str,
+        outwards: f64,
+        session: Session<'_>,
+    ) -> Result<(), VdbError> {
+        let how = smoothing(1, 1, session);
+        self.change(doing, session, |grid, host| {
+            ffi::grid_offset(grid, -outwards, how, host)
+        })
+    }
+
+    /// Smooths by a Gaussian of `width` voxels (four passes of a box filter), `iterations` times.
+    ///
+    /// # Errors
+    /// [`VdbError::Parameter`] for a width of 0, [`VdbError::Cancelled`], or what OpenVDB refuses.
+    pub fn gaussian(
+        &mut self,
+        width: u32,
+        iterations: u32,
+        session: Session<'_>,
+    ) -> Result<(), VdbError> {
+        self.filter("gaussian", Filter::Gaussian, width, iterations, session)
+    }
+
+    /// Replaces each value by the mean of the `2 width + 1` voxels cubed around it, `iterations` times.
+    ///
+    /// # Errors
+    /// As [`LevelSet::gaussian`].
+    pub fn mean(
+        &mut self,
+        width: u32,
+        iterations: u32,
+        session: Session<'_>,
+    ) -> Result<(), VdbError> {
+        self.filter("mean", Filter::Mean, width, iterations, session)
+    }
+
+    /// Replaces each value by the median of the `2 width + 1` voxels cubed around it, `iterations`
+    /// times.
+    ///
+    /// # Errors
+    /// As [`LevelSet::gaussian`].
+    pub fn median(
+        &mut self,
+        width: u32,
+        iterations: u32,
+        session: Session<'_>,
+    ) -> Result<(), VdbError> {
+        self.filter("median", Filter::Median, width, iterations, session)
+    }
+
+    /// Laplacian flow, `iterations` explicit steps of h^2 / 6: removes the finest roughness.
+    ///
+    /// # Errors
+    /// As [`LevelSet::gaussian`].
+    pub fn laplacian(&mut self, iterations: u32, session: Session<'_>) -> Result<(), VdbError> {
+        self.filter("laplacian", Filter::Laplacian, 1, iterations, session)
+    }
+
+    /// Mean-curvature flow, `iterations` explicit steps of h^2 / 3: every point moves by its mean
+    /// curvature.
+    ///
+    /// # Errors
+    /// As [`LevelSet::gaussian`].
+    pub fn curvature(&mut self, iterations: u32, session: Session<'_>) -> Result<(), VdbError> {
+        self.filter("curvature", Filter::Curvature, 1, iterations, session)
+    }
+
+    fn filter(
+        &mut self,
+        doing: &'static str,
+        kind: Filter,
+        width: u32,
+        iterations: u32,
+        session: Session<'_>,
+    ) -> Result<(), VdbError> {
+        if width == 0 {
+            return Err(VdbError::Parameter {
+                name: "width of the filter in voxels",
+                value: 0.0,
+                expected: "at least 1",
+            });
+        }
+        let how = smoothing(width, iterations, session);
+        self.change(doing, session, |grid, host| {
+            ffi::grid_filter(grid, kind, how, host)
+        })
+    }
+
+    /// Makes the band a distance again without moving the surface: `iterations` steps of half a
+    /// voxel each, so that 6 reach across a band of 3 voxels.
+    ///
+    /// # Errors
+    /// [`VdbError::Cancelled`], or what OpenVDB refuses.
+    pub fn renormalise(&mut self, iterations: u32, session: Session<'_>) -> Result<(), VdbError> {
+        let how = Smoothing {
+            normalisations: i32::try_from(iterations).unwrap_or(i32::MAX),
+            ..smoothing(1, 1, session)
+        };
+        self.change("renormalise", session, |grid, host| {
+            ffi::grid_renormalise(grid, how, host)
+        })
+    }
+
+    /// The solid that is in either; uses the operand up.
+    ///
+    /// # Errors
+    /// [`VdbError::Mismatch`] when voxel size, origin or half width differ; what OpenVDB refuses.
+    pub fn union(&mut self, operand: Self, session: Session<'_>) -> Result<(), VdbError> {
+        self.combine("union", Csg::Union, operand, session)
+    }
+
+    /// The solid that is in both; uses the operand up.
+    ///
+    /// # Errors
+    /// As [`LevelSet::union`].
+    pub fn intersect(&mut self, operand: Self, session: Session<'_>) -> Result<(), VdbError> {
+        self.combine("intersect", Csg::Intersection, operand, session)
+    }
+
+    /// The solid without the operand, which is used up.
+    ///
+    /// # Errors
+    /// As [`LevelSet::union`].
+    pub fn subtract(&mut self, operand: Self, session: Session<'_>) -> Result<(), VdbError> {
+        self.combine("subtract", Csg::Difference, operand, session)
+    }
+
+    fn combine(
+        &mut self,
+        doing: &'static str,
+        kind: Csg,
+        operand: Self,
+        session: Session<'_>,
+    ) -> Result<(), VdbError> {
+        self.assert_same_voxels(&operand)?;
+        self.change(doing, session, |grid, host| {
+            ffi::grid_csg(grid, operand.grid, kind, host)
+        })
+    }
+
+    /// Level sets combine voxel by voxel: both must have the same ones.
+    fn assert_same_voxels(&self, other: &Self) -> Result<(), VdbError> {
+        let mismatch = |what, left: f64, right: f64, tolerance: f64| {
+            let differ = (left - right).abs() > tolerance;
+            let error = VdbError::Mismatch { what, left, right };
+            if differ { Err(error) } else { Ok(()) }
+        };
+        let h = self.voxel_size();
+        mismatch("voxel size", h, other.voxel_size(), 1e-9 * h)?;
+        mismatch("half width", self.half_width, other.half_width, 1e-4)?;
+        for a in 0..3 {
+            mismatch("origin", self.origin[a], other.origin[a], 1e-6 * h)?;
+        }
+        Ok(())
+    }
+
+    /// Lets OpenVDB change the grid; after a failure the level set is empty, not half-done.
+    fn change(
+        &mut self,
+        doing: &'static str,
+        session: Session<'_>,
+        work: impl FnOnce(Pin<&mut ffi::Grid>, &ffi::Host<'_>) -> Result<(), cxx::Exception>,
+    ) -> Result<(), VdbError> {
+        match work(self.grid.pin_mut(), &session.host()) {
+            Ok(()) => Ok(()),
+            Err(error) => {
+                ffi::grid_clear(self.grid.pin_mut())
+                    .map_err(|e| VdbError::plain("emptying a level set", &e))?;
+                Err(VdbError::of(doing, session, &error))
+            }
+        }
+    }
+}
+
+/// A distance to move by.
+fn checked(distance: f64) -> Result<f64, VdbError> {
+    if distance.is_finite() && distance >= 0.0 {
+        return Ok(distance);
+    }
+    Err(VdbError::Parameter {
+        name: "distance",
+        value: distance,
+        expected: "a finite number that is not negative",
+    })
+}

@@ -1,0 +1,248 @@
+//! Writing `.vdb` files of format 224 through a stream of our own, which notices a full disk.
+
+use super::hash::ContentHash;
+use super::{FileError, Fog, LevelSet, Session, ffi};
+use crate::progress::Cancelled;
+use cxx::UniquePtr;
+use std::fs::File;
+use std::marker::PhantomData;
+use std::os::fd::AsRawFd;
+use std::path::{Path, PathBuf};
+
+/// How values are stored; inactive ones never are, but without `None`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Compression {
+    /// As they are.
+    None,
+    /// zlib: slower and no smaller.
+    Zip,
+    /// Blosc: OpenVDB's default and the best.
+    #[default]
+    Blosc,
+}
+
+impl Compression {
+    /// OpenVDB's flags: 1 zip, 2 active values only, 4 blosc.
+    fn flags(self) -> u32 {
+        match self {
+            Self::None => 0,
+            Self::Zip => 3,
+            Self::Blosc => 6,
+        }
+    }
+}
+
+/// What was written.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Written {
+    /// Size of the file.
+    pub bytes: u64,
+    /// Content hash over its grids, 64 hexadecimal digits; also in the file as `druse.content_hash`.
+    pub content_hash: String,
+}
+
+/// A file in the making: grids by name, and text that goes with them.
+///
+/// `creator` is `druse/<version>` (a creator that begins with "Houdini" makes Blender turn the
+/// object). Tags stand in the file's metadata and in every grid's. The grids stay borrowed until the
+/// file is written.
+///
+/// ```no_run
+/// # use druse::vdb::{LevelSet, Session, VdbWriter};
+/// # fn f(solid: &LevelSet, session: Session<'_>) -> Result<(), druse::vdb::FileError> {
+/// let path = std::path::Path::new("part.vdb");
+/// let mut file = VdbWriter::new(path, session)?.scaled(0.001); // millimetres to metres
+/// file.level_set("surface", solid)?;
+/// file.tag("druse.unit", "m")?;
+/// let written = file.write()?;
+/// # Ok(()) }
+/// ```
+pub struct VdbWriter<'a> {
+    path: PathBuf,
+    session: Session<'a>,
+    file: UniquePtr<ffi::FileOut>,
+    scale: f64,
+    compression: Compression,
+    names: Vec<String>,
+    tags: Vec<(String, String)>,
+    grids: PhantomData<&'a LevelSet>,
+}
+
+impl<'a> VdbWriter<'a> {
+    /// A file without grids; `path` is its name in errors and where [`VdbWriter::write`] puts it.
+    ///
+    /// # Errors
+    /// Only what OpenVDB itself refuses.
+    pub fn new(path: &Path, session: Session<'a>) -> Result<Self, FileError> {
+        let file = ffi::initialize()
+            .and_then(|()| ffi::file_new())
+            .map_err(|e| failed(path, &e))?;
+        let version = env!("CARGO_PKG_VERSION");
+        Ok(Self {
+            path: path.to_owned(),
+            session,
+            file,
+            scale: 1.0,
+            compression: Compression::default(),
+            names: Vec::new(),
+            tags: vec![
+                ("creator".into(), format!("druse/{version}")),
+                ("druse.version".into(), version.into()),
+            ],
+            grids: PhantomData,
+        })
+    }
+
+    /// Multiplies lengths by `factor` in the grids added from now on: voxel size, values and
+    /// background alike. Factors other than 1 copy the grid.
+    #[must_use]
+    pub fn scaled(mut self, factor: f64) -> Self {
+        self.scale = factor;
+        self
+    }
+
+    /// Sets how values are stored.
+    #[must_use]
+    pub fn compression(mut self, compression: Compression) -> Self {
+        self.compression = compression;
+        self
+    }
+
+    /// Adds a level set; its usual name is `surface`.
+    ///
+    /// # Errors
+    /// [`FileError::Name`] for an empty name or one used twice, or what OpenVDB refuses (memory).
+    pub fn level_set(&mut self, name: &str, level_set: &'a LevelSet) -> Result<(), FileError> {
+        self.add(name, &level_set.grid, self.scale, false)
+    }
+
+    /// Adds a fog volume, as half floats if so wished; its usual name is `density`. Densities do not
+    /// scale: only its voxels do.
+    ///
+    /// # Errors
+    /// As [`VdbWriter::level_set`].
+    pub fn fog(&mut self, name: &str, fog: &'a Fog, half: bool) -> Result<(), FileError> {
+        self.add(name, &fog.grid, self.scale, half)
+    }
+
+    fn add(
+        &mut self,
+        name: &str,
+        grid: &ffi::Grid,
+        scale: f64,
+        half: bool,
+    ) -> Result<(), FileError> {
+        let refuse = |problem| FileError::Name {
+            path: self.path.clone(),
+            what: "grid",
+            name: name.to_owned(),
+            problem,
+        };
+        if name.is_empty() {
+            return Err(refuse("is empty"));
+        }
+        if name.contains(['[', ']', '\u{1e}']) {
+            return Err(refuse(
+                "holds a character that OpenVDB numbers equal names with",
+            ));
+        }
+        if self.names.iter().any(|n| n == name) {
+            return Err(refuse("is used twice"));
+        }
+        let host = self.session.host();
+        ffi::file_add(self.file.pin_mut(), grid, name, scale, half, &host)
+            .map_err(|e| failed(&self.path, &e))?;
+        self.names.push(name.to_owned());
+        Ok(())
+    }
+
+    /// Adds a line of text under a key, as in `druse.unit`; a later value replaces an earlier one.
+    ///
+    /// # Errors
+    /// [`FileError::Name`] for a key that OpenVDB or this writer sets itself.
+    pub fn tag(&mut self, key: &str, value: &str) -> Result<(), FileError> {
+        const OWN: [&str; 7] = [
+            "name",
+            "class",
+            "creator",
+            "is_saved_as_half_float",
+            "is_local_space",
+            "vector_type",
+            "druse.content_hash",
+        ];
+        if key.is_empty() || key.starts_with("file_") || OWN.contains(&key) {
+            return Err(FileError::Name {
+                path: self.path.clone(),
+                what: "metadata key",
+                name: key.to_owned(),
+                problem: "is not free",
+            });
+        }
+        self.tags.retain(|(k, _)| k != key);
+        self.tags.push((key.to_owned(), value.to_owned()));
+        Ok(())
+    }
+
+    /// Writes the file to its path.
+    ///
+    /// # Errors
+    /// [`FileError::Io`] with the system's error number (28: no space left), a half-written file
+    /// remaining; [`FileError::Cancelled`].
+    pub fn write(self) -> Result<Written, FileError> {
+        let path = self.path.clone();
+        self.write_to(&path)
+    }
+
+    /// Writes the file to a temporary path, to be renamed by the caller; errors name the real one.
+    ///
+    /// # Errors
+    /// As [`VdbWriter::write`].
+    pub fn write_to(mut self, staged: &Path) -> Result<Written, FileError> {
+        let content_hash = self.content_hash().map_err(|e| failed(&self.path, &e))?;
+        self.tags
+            .push(("druse.content_hash".into(), content_hash.clone()));
+        self.enter_tags().map_err(|e| failed(&self.path, &e))?;
+        let io = |e| FileError::io(&self.path, e);
+        let target = File::create(staged).map_err(io)?;
+        let (descriptor, flags) = (target.as_raw_fd(), self.compression.flags());
+        let error = ffi::file_write(&self.file, descriptor, flags, &self.session.host())
+            .map_err(|e| failed(&self.path, &e))?;
+        if self.session.progress.cancelled() {
+            return Err(Cancelled.into());
+        }
+        if error != 0 {
+            return Err(io(std::io::Error::from_raw_os_error(error)));
+        }
+        Ok(Written {
+            bytes: target.metadata().map_err(io)?.len(),
+            content_hash,
+        })
+    }
+
+    fn content_hash(&self) -> Result<String, cxx::Exception> {
+        let mut hash = ContentHash::default();
+        let mut order: Vec<_> = (0..self.names.len()).collect();
+        order.sort_by_key(|&index| &self.names[index]);
+        for index in order {
+            hash.add(&self.names[index], self.file.grid(index)?)?;
+        }
+        Ok(hash.finish())
+    }
+
+    fn enter_tags(&mut self) -> Result<(), cxx::Exception> {
+        for (key, value) in &self.tags {
+            ffi::file_tag(self.file.pin_mut(), key, value)?;
+            for index in 0..self.names.len() {
+                ffi::file_tag_grid(self.file.pin_mut(), index, key, value)?;
+            }
+        }
+        Ok(())
+    }
+}
+
+fn failed(path: &Path, error: &cxx::Exception) -> FileError {
+    FileError::OpenVdb {
+        path: path.to_owned(),
+        reason: super::error::reason(error),
+    }
+}
