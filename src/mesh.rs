@@ -16,6 +16,9 @@ use crate::frame::{Aabb, Vec3};
 use std::collections::HashMap;
 
 mod bvh;
+mod check;
+mod intersect;
+mod openness;
 mod rim;
 mod shapes;
 mod skin;
@@ -24,6 +27,8 @@ mod soup;
 mod triangle;
 mod winding;
 
+pub use check::{Defect, Finding, MeshReport, check, check_with};
+pub use openness::{Hole, HopelessMesh, Openness};
 pub use skin::{Side, Skin};
 pub use solid::MeshSolid;
 pub use soup::Closest;

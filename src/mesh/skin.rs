@@ -70,7 +70,8 @@ impl Field for Skin<'_> {
 
     fn fill(&self, lattice: &SampleLattice<WorldPoint>, out: &mut [f32]) {
         self.solid.fill(lattice, out);
-        out.iter_mut()
-            .for_each(|v| *v = self.of(f64::from(*v)) as f32);
+        for v in out {
+            *v = self.of(f64::from(*v)) as f32;
+        }
     }
 }

@@ -101,6 +101,13 @@ impl MeshSolid {
         self.surface.closest(p, None).0
     }
 
+    /// The point of the surface nearest to `p`, if it is not farther than `radius`: faster than
+    /// [`MeshSolid::closest`] where nothing is near.
+    pub fn closest_within(&self, p: Vec3, radius: f64) -> Option<Closest> {
+        let found = self.surface.closest_within(p, radius, None).0;
+        (found.triangle != u32::MAX).then_some(found)
+    }
+
     /// The generalised winding number at `p`, within a few hundredths (dipoles stand for far triangles).
     pub fn winding_number(&self, p: Vec3) -> f64 {
         self.winding

@@ -106,10 +106,20 @@ impl Soup {
 
     /// The closest point, not farther than that of the slot `hint` if there is one; gives its slot.
     pub(crate) fn closest(&self, p: Vec3, hint: Option<usize>) -> (Closest, usize) {
+        self.closest_within(p, f64::INFINITY, hint)
+    }
+
+    /// The closest point if it is not farther than `radius`.
+    pub(crate) fn closest_within(
+        &self,
+        p: Vec3,
+        radius: f64,
+        hint: Option<usize>,
+    ) -> (Closest, usize) {
         let mut found = (Closest::NOTHING, usize::MAX);
-        let mut squared = f64::INFINITY;
-        let mut reach = f32::INFINITY;
         let local = self.bvh.local();
+        let mut squared = radius * radius;
+        let mut reach = local.length(radius) as f32;
         let q = local.point(p);
         let q = [q.x as f32, q.y as f32, q.z as f32];
         let mut try_slot = |slot: usize| {
@@ -134,7 +144,7 @@ impl Soup {
             (number == found.0.triangle).then_some(found.0.distance)
         };
         let best = hint.and_then(&mut try_slot);
-        self.bvh.nearest(p, best.unwrap_or(f64::INFINITY), try_slot);
+        self.bvh.nearest(p, best.unwrap_or(radius), try_slot);
         found
     }
 }

@@ -1,5 +1,7 @@
 //! Laws of `mesh`: measures, distance, winding number, skins.
 
+mod check;
+
 use crate::field::assert_field_laws;
 use druse::field::{Field, SampleLattice};
 use druse::frame::{Aabb, Vec3, WorldPoint};

@@ -1,0 +1,345 @@
+//! What a mesh is in four words: closed, oriented, manifold, not self-intersecting.
+//!
+//! Vertices of equal coordinates count as one, so that a soup of triangles is judged by its geometry.
+//! - closed: every side of a triangle belongs to at least two;
+//! - oriented: neighbours run along their common side in opposite directions;
+//! - manifold: no side belongs to more than two triangles, and round every vertex the triangles make
+//!   one fan;
+//! - not self-intersecting: triangles meet only in common corners and sides.
+
+use super::TriMesh;
+use super::intersect::{is_flat, meeting_pairs};
+use super::soup::Soup;
+use crate::frame::{Aabb, Vec3};
+use crate::progress::{Cancelled, Progress, Silent};
+use rayon::prelude::*;
+use std::fmt;
+
+/// How many places of a defect are kept.
+const PLACES: usize = 5;
+
+/// Where a defect is.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Defect {
+    /// A point of it.
+    pub at: Vec3,
+    /// The triangles involved, by number from 0.
+    pub triangles: Vec<u32>,
+}
+
+/// How often a defect occurs, and where first.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Finding {
+    /// How often.
+    pub count: usize,
+    /// The first few, in a fixed order.
+    pub places: Vec<Defect>,
+}
+
+impl Finding {
+    fn add(&mut self, defect: impl FnOnce() -> Defect) {
+        self.count += 1;
+        if self.places.len() < PLACES {
+            self.places.push(defect());
+        }
+    }
+}
+
+/// What [`check`] found.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MeshReport {
+    /// Number of different vertices in use.
+    pub vertices: usize,
+    /// Number of triangles.
+    pub triangles: usize,
+    /// Pieces that share no vertex.
+    pub components: usize,
+    /// Signed volume, in the mesh's unit cubed.
+    pub volume: f64,
+    /// Area, in the mesh's unit squared.
+    pub area: f64,
+    /// Box around the triangles.
+    pub bounds: Aabb,
+    /// Sides of only one triangle.
+    pub open_edges: Finding,
+    /// Sides along which triangles run more often one way than the other, open ones left out.
+    pub turned_edges: Finding,
+    /// Sides of more than two triangles.
+    pub crowded_edges: Finding,
+    /// Vertices round which the triangles make more than one fan.
+    pub pinched_vertices: Finding,
+    /// Triangles without area.
+    pub degenerate: Finding,
+    /// Triangles that meet another where they should not; `None` if not looked for.
+    pub self_intersections: Option<Finding>,
+}
+
+impl MeshReport {
+    /// Whether there is a surface and it has no open side.
+    pub fn is_closed(&self) -> bool {
+        self.open_edges.count == 0 && self.triangles > 0
+    }
+    /// Whether neighbours agree on the outside.
+    pub fn is_oriented(&self) -> bool {
+        self.turned_edges.count == 0
+    }
+    /// Whether every point has a neighbourhood like a plane's or a half plane's.
+    pub fn is_manifold(&self) -> bool {
+        self.crowded_edges.count == 0 && self.pinched_vertices.count == 0
+    }
+    /// Whether triangles meet only in common corners and sides; `None` if not looked for.
+    pub fn is_free_of_intersections(&self) -> Option<bool> {
+        self.self_intersections.as_ref().map(|f| f.count == 0)
+    }
+    /// The four words, each with its answer (`None`: not looked for).
+    pub fn words(&self) -> [(&'static str, Option<bool>); 4] {
+        [
+            ("closed", Some(self.is_closed())),
+            ("oriented", Some(self.is_oriented())),
+            ("manifold", Some(self.is_manifold())),
+            ("not self-intersecting", self.is_free_of_intersections()),
+        ]
+    }
+    /// Whether no answer is no.
+    pub fn is_sound(&self) -> bool {
+        self.words().iter().all(|w| w.1 != Some(false))
+    }
+
+    /// The defects by name, those that occur.
+    pub fn defects(&self) -> Vec<(&'static str, &Finding)> {
+        let all = [
+            ("open edges", Some(&self.open_edges)),
+            ("edges with turned neighbours", Some(&self.turned_edges)),
+            (
+                "edges of more than two triangles",
+                Some(&self.crowded_edges),
+            ),
+            ("pinched vertices", Some(&self.pinched_vertices)),
+            ("triangles without area", Some(&self.degenerate)),
+            (
+                "triangles that meet others",
+                self.self_intersections.as_ref(),
+            ),
+        ];
+        all.into_iter()
+            .filter_map(|(n, f)| f.filter(|f| f.count > 0).map(|f| (n, f)))
+            .collect()
+    }
+}
+
+impl fmt::Display for MeshReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for (word, answer) in self.words() {
+            let answer = match answer {
+                Some(true) => "yes",
+                Some(false) => "NO",
+                None => "not looked for",
+            };
+            writeln!(f, "{word}: {answer}")?;
+        }
+        for (name, finding) in self.defects() {
+            write!(f, "{} {name}", finding.count)?;
+            if let Some(Defect { at, triangles }) = finding.places.first() {
+                let numbers: Vec<String> = triangles.iter().map(u32::to_string).collect();
+                let list = numbers.join(", ");
+                write!(
+                    f,
+                    ", first at ({}, {}, {}), triangles {list}",
+                    at.x, at.y, at.z
+                )?;
+            }
+            writeln!(f)?;
+        }
+        write!(
+            f,
+            "{} triangles, {} vertices, {} components, volume {}, area {}",
+            self.triangles, self.vertices, self.components, self.volume, self.area
+        )
+    }
+}
+
+/// Checks a mesh wholly.
+///
+/// ```
+/// use druse::mesh::{TriMesh, check};
+/// let report = check(&TriMesh::ball([0.0; 3].into(), 1.0, 3));
+/// assert!(report.is_sound() && report.components == 1);
+/// ```
+pub fn check(mesh: &TriMesh) -> MeshReport {
+    // Silence never cancels.
+    check_with(mesh, true, &Silent).unwrap_or_else(|Cancelled| unreachable!("silence cancels"))
+}
+
+/// Checks a mesh; the search for self-intersections, the longest part, can be left out.
+///
+/// # Errors
+/// [`Cancelled`] when `progress` says so.
+pub fn check_with(
+    mesh: &TriMesh,
+    intersections: bool,
+    progress: &dyn Progress,
+) -> Result<MeshReport, Cancelled> {
+    let merged = mesh.merged();
+    let edges = Edges::of(&merged);
+    if progress.cancelled() {
+        return Err(Cancelled);
+    }
+    let mut report = MeshReport {
+        vertices: merged.vertices().len(),
+        triangles: mesh.triangles().len(),
+        components: components(&merged),
+        volume: mesh.volume(),
+        area: mesh.area(),
+        bounds: mesh.bounds(),
+        open_edges: Finding::default(),
+        turned_edges: Finding::default(),
+        crowded_edges: Finding::default(),
+        pinched_vertices: Finding::default(),
+        degenerate: Finding::default(),
+        self_intersections: None,
+    };
+    edges.judge(&merged, &mut report);
+    pinches(&merged, &edges, &mut report.pinched_vertices);
+    for (t, corners) in merged.iter_corners().enumerate() {
+        if is_flat(&corners) {
+            let triangles = vec![t as u32];
+            report.degenerate.add(|| Defect {
+                at: corners[0],
+                triangles,
+            });
+        }
+    }
+    if intersections {
+        progress.stage("self-intersections", Some(mesh.triangles().len() as u64));
+        let numbered: Vec<_> = merged.iter_corners().zip(0u32..).collect();
+        let mut finding = Finding::default();
+        for pair in meeting_pairs(&Soup::new(&numbered), progress)? {
+            let [a, b, c] = merged.corners(pair[0] as usize);
+            finding.add(|| Defect {
+                at: (a + b + c) / 3.0,
+                triangles: pair.to_vec(),
+            });
+        }
+        report.self_intersections = Some(finding);
+    }
+    Ok(report)
+}
+
+/// The sides of all triangles by vertices in rising order, sorted: those of one edge stand together.
+struct Edges(Vec<(u32, u32, u32)>);
+
+impl Edges {
+    /// Sides as (less vertex, greater vertex, 2 triangle + whether it runs from less to greater).
+    fn of(mesh: &TriMesh) -> Self {
+        let mut all: Vec<(u32, u32, u32)> = (0u32..)
+            .zip(mesh.triangles())
+            .flat_map(|(t, &[a, b, c])| [(a, b, t), (b, c, t), (c, a, t)])
+            .filter(|(a, b, _)| a != b)
+            .map(|(a, b, t)| (a.min(b), a.max(b), t << 1 | u32::from(a < b)))
+            .collect();
+        all.par_sort_unstable();
+        Self(all)
+    }
+
+    fn groups(&self) -> impl Iterator<Item = &[(u32, u32, u32)]> {
+        self.0.chunk_by(|s, t| (s.0, s.1) == (t.0, t.1))
+    }
+
+    fn judge(&self, mesh: &TriMesh, report: &mut MeshReport) {
+        for edge in self.groups() {
+            let defect = || Defect {
+                at: (mesh.vertices()[edge[0].0 as usize] + mesh.vertices()[edge[0].1 as usize])
+                    / 2.0,
+                triangles: edge.iter().take(8).map(|s| s.2 >> 1).collect(),
+            };
+            if edge.len() == 1 {
+                report.open_edges.add(defect);
+                continue;
+            }
+            let forward = edge.iter().filter(|s| s.2 & 1 == 1).count();
+            if 2 * forward != edge.len() {
+                report.turned_edges.add(defect);
+            }
+            if edge.len() > 2 {
+                report.crowded_edges.add(defect);
+            }
+        }
+    }
+}
+
+/// Sets that can be joined, by number.
+struct Sets(Vec<u32>);
+
+impl Sets {
+    fn new(count: usize) -> Self {
+        Self((0..count as u32).collect())
+    }
+
+    fn find(&mut self, mut i: u32) -> u32 {
+        while self.0[i as usize] != i {
+            let up = self.0[self.0[i as usize] as usize];
+            self.0[i as usize] = up;
+            i = up;
+        }
+        i
+    }
+
+    fn join(&mut self, a: u32, b: u32) {
+        let (a, b) = (self.find(a), self.find(b));
+        self.0[a.max(b) as usize] = a.min(b);
+    }
+}
+
+/// How many pieces share no vertex; every vertex of a merged mesh is in use.
+fn components(mesh: &TriMesh) -> usize {
+    let mut sets = Sets::new(mesh.vertices().len());
+    for &[a, b, c] in mesh.triangles() {
+        sets.join(a, b);
+        sets.join(b, c);
+    }
+    (0..mesh.vertices().len() as u32)
+        .filter(|&v| sets.find(v) == v)
+        .count()
+}
+
+/// Vertices whose triangles do not all hang together by sides at the vertex.
+fn pinches(mesh: &TriMesh, edges: &Edges, finding: &mut Finding) {
+    let triangles = mesh.triangles();
+    let corner = |t: u32, v: u32| {
+        let place = triangles[t as usize]
+            .iter()
+            .position(|&w| w == v)
+            .unwrap_or(0);
+        3 * t + place as u32
+    };
+    let mut fans = Sets::new(3 * triangles.len());
+    for edge in edges.groups() {
+        let (lo, hi, first) = edge[0];
+        for &(_, _, other) in &edge[1..] {
+            for v in [lo, hi] {
+                fans.join(corner(first >> 1, v), corner(other >> 1, v));
+            }
+        }
+    }
+    // The first fan seen at each vertex; triangles that collapsed have no fan of their own.
+    let mut fan = vec![u32::MAX; mesh.vertices().len()];
+    let mut pinched = vec![false; mesh.vertices().len()];
+    for (t, tri) in triangles.iter().enumerate() {
+        if tri[0] == tri[1] || tri[1] == tri[2] || tri[2] == tri[0] {
+            continue;
+        }
+        for (k, &v) in tri.iter().enumerate() {
+            let (mine, v) = (fans.find((3 * t + k) as u32), v as usize);
+            if fan[v] == u32::MAX {
+                fan[v] = mine;
+            } else if fan[v] != mine && !pinched[v] {
+                pinched[v] = true;
+                let triangles = vec![fan[v] / 3, t as u32];
+                finding.add(|| Defect {
+                    at: mesh.vertices()[v],
+                    triangles,
+                });
+            }
+        }
+    }
+}
