@@ -20,6 +20,7 @@
 //! ```
 
 mod bernstein;
+mod boundary;
 mod bvh;
 mod cell_box;
 mod grid;
@@ -28,6 +29,7 @@ mod map;
 mod orientation;
 mod topology;
 
+pub use boundary::Boundary;
 pub use kind::{FaceNodes, Kind};
 pub use map::{ElementMap, InverseError};
 pub use orientation::Orientation;

@@ -49,15 +49,18 @@ impl Bvh {
     }
 }
 
+/// A step of single precision, relative.
+const STEP: f64 = 1.2e-7;
+
 fn round_outward(b: Aabb, origin: Vec3) -> obvhs::aabb::Aabb {
-    let down = |x: f64| {
-        let r = x as f32;
-        if f64::from(r) > x { r.next_down() } else { r }
+    // One relative step out before rounding to nearest, which moves by at most half a step; the
+    // least normal number covers the neighbourhood of zero.
+    let out = |x: f64, sign: f64| {
+        (x + sign * (x.abs() * STEP + f64::from(f32::MIN_POSITIVE))) as f32
     };
     let (min, max) = (b.min - origin, b.max - origin);
-    // The differences are themselves rounded, by far less than a step of single precision.
     obvhs::aabb::Aabb::new(
-        [0, 1, 2].map(|a| down(min[a]).next_down()).into(),
-        [0, 1, 2].map(|a| (-down(-max[a])).next_up()).into(),
+        [0, 1, 2].map(|a| out(min[a], -1.0)).into(),
+        [0, 1, 2].map(|a| out(max[a], 1.0)).into(),
     )
 }

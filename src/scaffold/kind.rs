@@ -361,8 +361,7 @@ impl Kind {
                 g[axis] = d;
             }
         }
-        out.iter_mut().for_each(|g| *g = to_cell * *g);
-        out
+        out.into_iter().map(|g| to_cell * g).collect()
     }
 
     /// Per node, the sum over control points of `weight` times the node's share in it.

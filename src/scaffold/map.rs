@@ -57,7 +57,7 @@ pub(super) struct Affine {
 pub(super) struct Curved {
     pub kind: Kind,
     pub net: Net<Vec3>,
-    /// Bounds of |d2F/dxi_j dxi_k| over the cell, per component; jk as in [`PAIRS`].
+    /// Bounds of the second derivatives of F by xi over the cell, per component; as in [`PAIRS`].
     pub bend: [Vec3; 6],
     /// Inverse Jacobian at the centre, to start Newton's steps.
     start: Mat3,
@@ -339,6 +339,17 @@ impl<'a> ElementMap<'a> {
     /// A box that contains the element, curved edges and all.
     pub fn bounds(&self) -> Aabb {
         self.geometry.bounds
+    }
+
+    /// Bernstein control points: the element lies in their convex hull.
+    pub fn control_points(&self) -> Vec<Vec3> {
+        match &self.geometry.map {
+            Map::Curved(c) => c.net.coefficients.clone(),
+            Map::Affine(a) => {
+                let vertices = self.shape().vertices();
+                vertices.into_iter().map(|v| a.map(CellPoint(v))).collect()
+            }
+        }
     }
 
     /// Bounds of the singular values of dx/dxi over the element, world units: every length in the

@@ -35,7 +35,9 @@ pub enum Orientation {
 pub(super) fn parametric_determinant(c: &Curved) -> Net<f64> {
     let mut net = jacobian_determinant(c);
     let scale = parametric_scale(c.kind);
-    net.coefficients.iter_mut().for_each(|d| *d *= scale);
+    for d in &mut net.coefficients {
+        *d *= scale;
+    }
     net
 }
 

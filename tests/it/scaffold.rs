@@ -4,7 +4,9 @@
 use crate::strategy::{Noise, cell_point, element_nodes, mesh, renumberings};
 use druse::frame::{Aabb, CellPoint, Element, Mat3, Vec3, WorldPoint};
 use druse::scaffold::{Connectivity, ElementMap, Kind, Neighbour, Orientation, Scaffold};
+use druse::mesh::TriMesh;
 use proptest::prelude::*;
+use std::collections::BTreeMap;
 
 fn single(kind: Kind, nodes: &[Vec3]) -> Scaffold {
     let mut elements = Connectivity::default();
@@ -386,4 +388,60 @@ proptest! {
         }
         prop_assert!(shared > 0);
     }
+}
+
+/// Every directed edge has its reverse: closed and consistently oriented.
+fn is_closed(mesh: &TriMesh) -> bool {
+    let mut edges: BTreeMap<[u32; 2], i32> = BTreeMap::new();
+    for t in mesh.triangles() {
+        for i in 0..3 {
+            let (a, b) = (t[i], t[(i + 1) % 3]);
+            *edges.entry([a.min(b), a.max(b)]).or_default() += if a < b { 1 } else { -1 };
+        }
+    }
+    edges.values().all(|n| *n == 0)
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(24))]
+
+    #[test]
+    fn boundary_is_closed_and_encloses_the_elements((kind, s) in meshes(0.12)) {
+        prop_assume!(!s.elements().any(|e| folded(&e)));
+        let volume: f64 = s.elements().map(|e| e.volume().abs()).sum();
+        let mut coarser = f64::INFINITY;
+        for tolerance in [1e-2, 1e-3] {
+            let b = s.boundary(0, tolerance);
+            prop_assert!(is_closed(&b.mesh));
+            prop_assert_eq!(b.faces.len(), b.mesh.triangles().len());
+            // The volume between surface and mesh is at most the area times the chordal error.
+            let gap = (b.mesh.volume() - volume).abs();
+            prop_assert!(gap <= b.mesh.area() * tolerance, "{:?} {} {}", kind, gap, tolerance);
+            prop_assert!(gap < coarser || gap < 1e-3);
+            coarser = gap;
+            // Triangles stay near their own face: their middles, inverted, are near its plane.
+            for (t, f) in b.faces.iter().enumerate() {
+                let middle: Vec3 = b.mesh.corners(t).iter().sum::<Vec3>() / 3.0;
+                let e = s.element(f.element as usize);
+                let Ok(xi) = e.inverse(WorldPoint(middle)) else { continue };
+                let plane = e.shape().faces()[f.face as usize];
+                let off = (plane.normal.dot(&xi.0) - plane.offset).abs();
+                prop_assert!(off * e.stretch().0 <= tolerance, "{} {}", off, tolerance);
+            }
+        }
+    }
+}
+
+#[test]
+fn straight_boundaries_are_not_subdivided() {
+    let size = Vec3::new(3.0, 2.0, 1.0);
+    let hexes = Scaffold::box_grid(size, [3, 2, 1], Kind::Hex8).unwrap();
+    let b = hexes.boundary(0, 1e-6);
+    assert_eq!(b.mesh.triangles().len(), 2 * 2 * (6 + 3 + 2));
+    assert!((b.mesh.volume() - 6.0).abs() < 1e-12 && is_closed(&b.mesh));
+    let tets = Scaffold::box_grid(size, [3, 2, 1], Kind::Tet4).unwrap();
+    assert_eq!(tets.len(), 36);
+    let b = tets.boundary(0, 1e-6);
+    assert_eq!(b.mesh.triangles().len(), 2 * 2 * (6 + 3 + 2));
+    assert!((b.mesh.volume() - 6.0).abs() < 1e-12 && is_closed(&b.mesh));
 }
