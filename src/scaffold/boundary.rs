@@ -182,9 +182,8 @@ fn quad_bend(c: &[Vec3], m: &[Vec3], centre: Option<Vec3>) -> [Vec3; 3] {
         let twist = (c[0] - c[1] + c[2] - c[3]).norm();
         return [length(0.0), length(0.0), length(twist)];
     }
-    let centre = centre.unwrap_or_else(|| {
-        m.iter().sum::<Vec3>() / 2.0 - c.iter().sum::<Vec3>() / 4.0
-    });
+    let centre =
+        centre.unwrap_or_else(|| m.iter().sum::<Vec3>() / 2.0 - c.iter().sum::<Vec3>() / 4.0);
     let bernstein = |[a, b, c]: [Vec3; 3]| [a, b * 2.0 - (a + c) / 2.0, c];
     // Rows of constant t, then columns.
     let rows = [

@@ -55,9 +55,8 @@ const STEP: f64 = 1.2e-7;
 fn round_outward(b: Aabb, origin: Vec3) -> obvhs::aabb::Aabb {
     // One relative step out before rounding to nearest, which moves by at most half a step; the
     // least normal number covers the neighbourhood of zero.
-    let out = |x: f64, sign: f64| {
-        (x + sign * (x.abs() * STEP + f64::from(f32::MIN_POSITIVE))) as f32
-    };
+    let out =
+        |x: f64, sign: f64| (x + sign * (x.abs() * STEP + f64::from(f32::MIN_POSITIVE))) as f32;
     let (min, max) = (b.min - origin, b.max - origin);
     obvhs::aabb::Aabb::new(
         [0, 1, 2].map(|a| out(min[a], -1.0)).into(),
