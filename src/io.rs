@@ -14,7 +14,12 @@
 
 pub mod atomic;
 mod error;
+mod msh;
+mod scaffold;
 mod source;
+mod tokens;
+mod vtk;
 
 pub use error::{ErrorClass, Place, ReadError, WriteError};
+pub use scaffold::{Group, ScaffoldFile, read_scaffold};
 pub use source::{Source, quote};

@@ -27,6 +27,7 @@ mod soup;
 mod triangle;
 mod winding;
 
+pub(crate) use bvh::Bvh;
 pub use check::{Defect, Finding, MeshReport, check, check_with};
 pub use openness::{Hole, HopelessMesh, Openness};
 pub use skin::{Side, Skin};

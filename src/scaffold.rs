@@ -5,7 +5,8 @@
 //! x = F(xi) = sum `N_a(xi)` `X_a`; [`ElementMap`] evaluates it and its inverse. Elements that share
 //! a face by its corner nodes are neighbours; face-connected elements form a component.
 //!
-//! Numbers of elements and nodes count from 0 in the order given. Negative Jacobians of one sign
+//! Elements and nodes count from 0 in the order given; messages name elements by the file's own
+//! numbers ([`Scaffold::number`]). Negative Jacobians of one sign
 //! are harmless (mirror numbering); Jacobians that change sign are found by
 //! [`Scaffold::validate`].
 //!
@@ -21,7 +22,6 @@
 
 mod bernstein;
 mod boundary;
-mod bvh;
 mod cell_box;
 mod grid;
 mod kind;
@@ -36,7 +36,7 @@ pub use orientation::Orientation;
 pub use topology::{FaceRef, Neighbour};
 
 use crate::frame::{Aabb, CellPoint, Vec3, WorldPoint};
-use bvh::Bvh;
+use crate::mesh::Bvh;
 use map::Geometry;
 use rayon::prelude::*;
 use topology::Topology;
@@ -154,6 +154,8 @@ impl Connectivity {
 pub struct Scaffold {
     nodes: Vec<Vec3>,
     elements: Connectivity,
+    /// The file's own numbers of the elements, if it has any.
+    numbers: Vec<u64>,
     geometry: Vec<Geometry>,
     bounds: Aabb,
     tree: Bvh,
@@ -179,15 +181,30 @@ impl Scaffold {
                 Geometry::new(elements.kind(e), &points)
             })
             .collect();
-        let boxes: Vec<Aabb> = geometry.iter().map(|g| g.bounds).collect();
         Ok(Self {
-            bounds: boxes.iter().fold(Aabb::EMPTY, |a, b| a.union(*b)),
-            tree: Bvh::new(&boxes),
+            bounds: geometry.iter().fold(Aabb::EMPTY, |a, g| a.union(g.bounds)),
+            tree: Bvh::new(geometry.len(), |e| geometry[e].bounds),
             topology: Topology::new(&elements),
+            numbers: Vec::new(),
             nodes,
             elements,
             geometry,
         })
+    }
+
+    /// The same scaffold with the numbers that its file gives to the elements, for messages.
+    /// Ignored unless there is one for each.
+    #[must_use]
+    pub fn with_numbers(mut self, numbers: Vec<u64>) -> Self {
+        if numbers.len() == self.len() {
+            self.numbers = numbers;
+        }
+        self
+    }
+
+    /// The file's own number of an element; without a file its place.
+    pub fn number(&self, element: usize) -> u64 {
+        self.numbers.get(element).map_or(element as u64, |n| *n)
     }
 
     /// Node coordinates, world units.
@@ -233,10 +250,12 @@ impl Scaffold {
     /// Replaces `found` by the elements whose bounds meet the box, ascending.
     pub fn candidates(&self, region: &Aabb, found: &mut Vec<u32>) {
         found.clear();
-        self.tree.visit(region, |e| {
+        self.tree.overlapping(region, |slot| {
+            let e = self.tree.order()[slot];
             if self.geometry[e as usize].bounds.meets(*region) {
                 found.push(e);
             }
+            true
         });
         found.sort_unstable();
     }
@@ -247,12 +266,15 @@ impl Scaffold {
         let mut best: Option<(u32, CellPoint<3>)> = None;
         // Points on the hull of the bounds may be rounded out of them.
         let margin = 1e-12 * self.bounds.half_diagonal();
-        self.tree.visit(&Aabb::of([p.0]).dilated(margin), |e| {
+        let at = Aabb::of([p.0]).dilated(margin);
+        self.tree.overlapping(&at, |slot| {
+            let e = self.tree.order()[slot];
             if best.is_none_or(|(least, _)| e < least) {
                 if let Some(xi) = self.element(e as usize).inverse_inside(p, INSIDE) {
                     best = Some((e, xi));
                 }
             }
+            true
         });
         best
     }

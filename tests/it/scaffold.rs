@@ -1,6 +1,8 @@
 //! Laws of `scaffold`: maps against independent numbers, bounds against dense samples, meshes
 //! against what was built into them.
 
+mod files;
+
 use crate::strategy::{Noise, cell_point, element_nodes, mesh, renumberings};
 use druse::frame::{Aabb, CellPoint, Element, Mat3, Vec3, WorldPoint};
 use druse::mesh::TriMesh;

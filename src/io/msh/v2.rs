@@ -1,0 +1,102 @@
+//! Sections of version 2.2.
+
+use super::{File, Type};
+use crate::io::ReadError;
+use crate::io::tokens::Encoding;
+
+pub(super) fn nodes(file: &mut File) -> Result<(), ReadError> {
+    let claimed = count_line(file, "the number of nodes")?;
+    file.numbers();
+    let t = &mut file.tokens;
+    let count = t.count(claimed, 4, 28, "nodes")?;
+    for _ in 0..count {
+        let number = t.number("a node number")?;
+        let mut at = [0.0; 3];
+        for c in &mut at {
+            *c = t.double("a coordinate")?;
+        }
+        file.collector.point(number, at);
+    }
+    file.lines();
+    Ok(())
+}
+
+pub(super) fn elements(file: &mut File) -> Result<(), ReadError> {
+    let claimed = count_line(file, "the number of elements")?;
+    file.numbers();
+    let count = file.tokens.count(claimed, 4, 8, "elements")?;
+    let mut left = count;
+    while left > 0 {
+        // Text repeats type and tag count for every element; binary gives them for a run of them.
+        let (mut head, mut run, mut tags) = ([0; 2], 1, 0);
+        let binary = file.tokens.encoding != Encoding::Text;
+        if binary {
+            head[1] = file.tokens.number("an element type")?;
+            run = file.tokens.number("a number of elements")?;
+            tags = file.tokens.number("a number of tags")?;
+            if run == 0 || run > left as u64 {
+                return Err(file
+                    .tokens
+                    .bad(format!("a run of {run} elements"), format!("1 to {left}")));
+            }
+        }
+        for _ in 0..run {
+            head[0] = file.tokens.number("an element number")?;
+            if !binary {
+                head[1] = file.tokens.number("an element type")?;
+                tags = file.tokens.number("a number of tags")?;
+            }
+            element(file, head, tags)?;
+            left -= 1;
+        }
+    }
+    file.lines();
+    Ok(())
+}
+
+fn element(file: &mut File, [number, code]: [u64; 2], tags: u64) -> Result<(), ReadError> {
+    let kind = file.element_type(code, number)?;
+    let t = &mut file.tokens;
+    if tags > 64 {
+        return Err(t.bad(format!("{tags} tags"), "at most 64"));
+    }
+    let mut group = 0;
+    for i in 0..tags {
+        let tag = t.int("a tag")?;
+        if i == 0 {
+            group = tag;
+        }
+    }
+    let groups: &[i64] = if group == 0 { &[] } else { &[group] };
+    let mut nodes = [0; 27];
+    match kind {
+        Type::Flat(count) => {
+            for _ in 0..count {
+                t.number("a node number")?;
+            }
+            file.collector.skipped += 1;
+        }
+        Type::Solid(kind) => {
+            let own = &mut nodes[..kind.node_count()];
+            for n in own.iter_mut() {
+                *n = t.number("a node number")?;
+            }
+            // An element of several groups is listed once for each.
+            if !file.collector.again(number, groups) {
+                file.take(number, kind, own, groups);
+            }
+        }
+    }
+    Ok(())
+}
+
+fn count_line(file: &mut File, what: &str) -> Result<u64, ReadError> {
+    let line = file.tokens.needed_line(what)?;
+    match line.parse() {
+        Ok(count) => Ok(count),
+        Err(_) => {
+            let found = crate::io::quote(line);
+            Err(file.text_error(found, what))
+        }
+    }
+}

@@ -1,0 +1,163 @@
+//! Numbers one after the other, from lines of text or from binary records: one parser for both.
+
+use super::{ReadError, Source, quote};
+
+/// How numbers stand in the file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Encoding {
+    /// Separated by white space.
+    Text,
+    /// Little-endian.
+    Little,
+    /// Big-endian.
+    Big,
+}
+
+/// A reader of lines and numbers.
+pub(super) struct Tokens {
+    pub source: Source,
+    pub encoding: Encoding,
+    line: String,
+    at: usize,
+}
+
+impl Tokens {
+    pub fn new(source: Source) -> Self {
+        Self {
+            source,
+            encoding: Encoding::Text,
+            line: String::new(),
+            at: 0,
+        }
+    }
+
+    /// The next line that is not blank, trimmed; what is left of the current one is dropped.
+    pub fn line(&mut self) -> Result<Option<&str>, ReadError> {
+        loop {
+            self.at = 0;
+            self.line.clear();
+            match self.source.line()? {
+                None => return Ok(None),
+                Some(text) => self.line.push_str(text.trim()),
+            }
+            if !self.line.is_empty() {
+                self.at = self.line.len();
+                return Ok(Some(&self.line));
+            }
+        }
+    }
+
+    /// As [`Self::line`], where the file must go on.
+    pub fn needed_line(&mut self, what: &str) -> Result<&str, ReadError> {
+        if self.line()?.is_none() {
+            return Err(self.end(what));
+        }
+        Ok(&self.line)
+    }
+
+    /// The next line's words are read next by [`Self::word`].
+    fn fill(&mut self, what: &str) -> Result<(), ReadError> {
+        while self.line[self.at..].trim_start().is_empty() {
+            self.needed_line(what)?;
+            self.at = 0;
+        }
+        Ok(())
+    }
+
+    /// The next word of text.
+    pub fn word(&mut self, what: &str) -> Result<&str, ReadError> {
+        self.fill(what)?;
+        let rest = &self.line[self.at..];
+        let start = self.at + rest.len() - rest.trim_start().len();
+        let length = self.line[start..]
+            .find(char::is_whitespace)
+            .unwrap_or(self.line.len() - start);
+        self.at = start + length;
+        Ok(&self.line[start..start + length])
+    }
+
+    fn parse<T: std::str::FromStr>(&mut self, what: &str) -> Result<T, ReadError> {
+        let word = self.word(what)?;
+        match word.parse() {
+            Ok(value) => Ok(value),
+            Err(_) => {
+                let found = quote(word);
+                Err(self.source.bad(found, what))
+            }
+        }
+    }
+
+    fn binary<const N: usize>(&mut self, what: &str) -> Result<[u8; N], ReadError> {
+        let mut bytes = self.source.array::<N>(what)?;
+        if self.encoding == Encoding::Big {
+            bytes.reverse();
+        }
+        Ok(bytes)
+    }
+
+    /// A 32-bit signed number; text may hold any that fits 64 bits.
+    pub fn int(&mut self, what: &str) -> Result<i64, ReadError> {
+        match self.encoding {
+            Encoding::Text => self.parse(what),
+            _ => Ok(i64::from(i32::from_le_bytes(self.binary(what)?))),
+        }
+    }
+
+    /// A 64-bit unsigned number.
+    pub fn size(&mut self, what: &str) -> Result<u64, ReadError> {
+        match self.encoding {
+            Encoding::Text => self.parse(what),
+            _ => Ok(u64::from_le_bytes(self.binary(what)?)),
+        }
+    }
+
+    /// A 64-bit number with fraction.
+    pub fn double(&mut self, what: &str) -> Result<f64, ReadError> {
+        match self.encoding {
+            Encoding::Text => self.parse(what),
+            _ => Ok(f64::from_le_bytes(self.binary(what)?)),
+        }
+    }
+
+    /// A number that is not negative, 32 bits in binary.
+    pub fn number(&mut self, what: &str) -> Result<u64, ReadError> {
+        let n = self.int(what)?;
+        u64::try_from(n).map_err(|_| self.bad(n.to_string(), what))
+    }
+
+    /// An error about what was read last.
+    pub fn bad(&self, found: impl Into<String>, expected: impl Into<String>) -> ReadError {
+        match self.encoding {
+            Encoding::Text => self.source.bad(found, expected),
+            _ => self.source.bad_byte(found, expected),
+        }
+    }
+
+    /// Checks a count against what the rest of the file can hold: `binary` bytes each, or one digit
+    /// and one separator for each of `words`.
+    pub fn count(
+        &self,
+        claimed: u64,
+        words: u64,
+        binary: u64,
+        what: &str,
+    ) -> Result<usize, ReadError> {
+        let least = match self.encoding {
+            Encoding::Text => (2 * words).saturating_sub(1).max(1),
+            _ => binary,
+        };
+        // What is left of the line in hand counts too.
+        self.source.count(
+            claimed.saturating_sub((self.line.len() - self.at) as u64),
+            least,
+            what,
+        )?;
+        Ok(claimed as usize)
+    }
+
+    fn end(&self, what: &str) -> ReadError {
+        self.source
+            .bad("the end of the file", what.to_owned())
+            .with_hint("the file looks truncated")
+    }
+}
