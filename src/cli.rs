@@ -1,1 +1,105 @@
-//! The command line program.
+//! The command line program: parses, shows progress, turns signals and errors into manners.
+//!
+//! A subcommand is one file here and one line in the table below. It owns no numbers: flags map to a
+//! recipe's sections, the work is the library's, and what it found comes back as an [`Answer`], printed
+//! as text or, with `--json`, as exactly one object. stdout carries results, stderr everything else.
+//!
+//! | code | meaning | code | meaning |
+//! |---|---|---|---|
+//! | 0 | done | 70 | a bug of ours |
+//! | 1 | a check failed | 73 | output cannot be created |
+//! | 2 | usage | 74 | input or output error |
+//! | 65 | bad input data | 130 | interrupted |
+//! | 66 | input missing | 143 | terminated |
+
+use clap::{CommandFactory, Parser, Subcommand};
+use std::ffi::OsString;
+use std::panic::AssertUnwindSafe;
+use std::process::ExitCode;
+
+mod answer;
+mod completions;
+mod failure;
+mod man;
+mod new;
+mod progress;
+mod run;
+mod schema;
+mod session;
+mod signals;
+
+use answer::Answer;
+use failure::Failure;
+use session::{Manners, Session};
+
+/// Symmetric implicit microstructures over unstructured meshes, as OpenVDB level sets.
+#[derive(Parser)]
+#[command(
+    name = "druse",
+    version,
+    max_term_width = 100,
+    arg_required_else_help = true
+)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+    #[command(flatten)]
+    manners: Manners,
+}
+
+/// The table of subcommands: name, parameters, and the function that answers.
+macro_rules! commands {
+    ($($(#[$doc:meta])* $name:ident => $module:ident,)*) => {
+        #[derive(Subcommand)]
+        enum Command { $($(#[$doc])* $name($module::Parameters),)* }
+
+        impl Command {
+            fn answer(self, session: &Session) -> Result<Answer, Failure> {
+                match self { $(Self::$name(p) => $module::answer(&p, session),)* }
+            }
+        }
+    };
+}
+
+commands! {
+    /// Run a recipe: from its sources to its files.
+    Run => run,
+    /// Write a commented recipe to start from.
+    New => new,
+    /// Print the JSON schema of recipes.
+    Schema => schema,
+    /// Print completions for a shell.
+    Completions => completions,
+    /// Write the manual pages.
+    Man => man,
+}
+
+/// The whole grammar of the command line.
+fn grammar() -> clap::Command {
+    Cli::command()
+}
+
+/// Runs the program on its arguments (the first is its name) and gives its exit code.
+pub fn main(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
+    let arguments: Vec<OsString> = arguments.into_iter().collect();
+    let json = arguments.iter().any(|a| a == "--json");
+    let cli = match Cli::try_parse_from(&arguments) {
+        Ok(cli) => cli,
+        Err(e) => return failure::usage(&e, json),
+    };
+    let session = Session::new(cli.manners);
+    failure::hush_panics();
+    let command = cli.command;
+    let answered = std::panic::catch_unwind(AssertUnwindSafe(|| command.answer(&session)));
+    session.finish();
+    let answered = answered.unwrap_or_else(|_| Err(Failure::bug()));
+    // A signal that came while the work unwound decides the exit code, whatever the error says.
+    let code = match answered {
+        Ok(answer) => answer.print(&session),
+        Err(failure) => session.signals.exit_code().map_or_else(
+            || failure.print(&session),
+            |code| Failure::stopped(code).print(&session),
+        ),
+    };
+    ExitCode::from(code)
+}

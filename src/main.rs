@@ -1,3 +1,5 @@
 //! The `druse` program: parse, run, exit code.
 
-fn main() {}
+fn main() -> std::process::ExitCode {
+    druse::cli::main(std::env::args_os())
+}

@@ -1,1 +1,249 @@
 //! From a recipe to files: the only module that knows all stages.
+//!
+//! [`plan`] predicts a run, [`run`] makes it: read the inputs, make the solid one field, sample its
+//! band, operate on the level set, measure, write. Until the first operation that needs neighbours all
+//! is a field; until the outputs nothing is written, and each output appears whole or not at all.
+//!
+//! ```
+//! use druse::pipeline::{RunOptions, run};
+//! use druse::progress::Silent;
+//! use druse::recipe::Recipe;
+//! let text = "druse = 1\n[band]\nvoxel_size = 0.5\n[[op]]\nunion = { sphere = { radius = 5 } }\n";
+//! let recipe = Recipe::parse(text, &[]).unwrap();
+//! let report = run(&recipe, &RunOptions::default(), &Silent).unwrap();
+//! let ball = 4.0 / 3.0 * std::f64::consts::PI * 125.0;
+//! assert!((report.solid.volume / ball - 1.0).abs() < 0.01);
+//! ```
+
+use crate::progress::{Cancelled, Progress, Threads};
+use crate::recipe::{OutputKind, Recipe};
+use std::path::PathBuf;
+use std::time::Instant;
+
+mod error;
+mod estimate;
+mod memory;
+mod operate;
+mod output;
+mod pending;
+mod report;
+mod shape;
+mod stock;
+mod wall;
+
+pub use error::RunError;
+pub use estimate::Estimate;
+pub use report::{
+    BandReport, Input, OutputFile, Report, ScaffoldReport, SolidReport, Stage, Warning,
+};
+
+use operate::Bench;
+use stock::Stock;
+
+/// How a recipe is run.
+#[derive(Clone, Debug, Default)]
+pub struct RunOptions {
+    /// Worker threads; 0 means one per core.
+    pub threads: usize,
+    /// Memory that the run may use, bytes; what the machine has when left out.
+    pub memory: Option<u64>,
+    /// Directory of the outputs; the recipe's own when left out. With it, `report.json` is always
+    /// written.
+    pub out: Option<PathBuf>,
+    /// Whether a warning ends the run.
+    pub strict: bool,
+}
+
+/// Predicts what [`run`] would need and make, in a few seconds.
+///
+/// # Errors
+/// As [`run`], but for outputs; too little memory is no error here.
+pub fn plan(
+    recipe: &Recipe,
+    options: &RunOptions,
+    progress: &dyn Progress,
+) -> Result<Estimate, RunError> {
+    let threads = threads(options)?;
+    let stock = Stock::load(recipe, &threads, options.strict, progress)?;
+    estimate::estimate(&stock, &threads, progress)
+}
+
+/// Runs a recipe to its files.
+///
+/// # Errors
+/// [`RunError`]: what is wrong with the recipe, an input, an output or the solid; too little memory,
+/// before anything large is made; or the user stopped it.
+pub fn run(
+    recipe: &Recipe,
+    options: &RunOptions,
+    progress: &dyn Progress,
+) -> Result<Report, RunError> {
+    let threads = threads(options)?;
+    let sections = recipe.sections();
+    let mut clock = Clock::new(progress);
+    let mut stock = Stock::load(recipe, &threads, options.strict, progress)?;
+    let outputs = targets(&stock, options)?;
+    clock.lap("inputs")?;
+
+    estimate::check_memory(&stock, &threads, options.memory, progress)?;
+    clock.lap("estimate")?;
+
+    let bench = Bench {
+        threads: &threads,
+        progress,
+        scale: recipe.scale(),
+        half_width: sections.band.half_width.0,
+    };
+    let shape = shape::shape(&stock, bench.scale)?;
+    let (mut solid, stats) = bench.sample(&shape, "band")?;
+    drop(shape);
+    clock.lap("band")?;
+
+    let mut measured = SolidReport::default();
+    let first = shape::field_operations(&sections.op);
+    for (n, op) in sections.op.iter().enumerate().skip(first) {
+        operate::apply(bench, &stock, (n, op), &mut solid, &mut measured)?;
+        clock.lap(&format!("op.{n}.{}", op.name()))?;
+    }
+
+    let mesh = measure(bench, &stock, &solid, &mut measured)?;
+    stock.look_at(&measured, bench.scale)?;
+    clock.lap("measure")?;
+
+    let mut report = stock.report();
+    let info = solid.info().map_err(RunError::level_set("counting"))?;
+    report.band = BandReport {
+        voxel_size: bench.scale.voxel_size,
+        half_width: bench.half_width,
+        active_voxels: info.active_voxels,
+        leaves: info.leaves,
+        active_voxels_sampled: stats.active_voxels,
+        leaves_touched: stats.leaves_touched,
+        leaves_kept: stats.leaves_kept,
+        voxels_evaluated: stats.voxels_evaluated,
+    };
+    report.solid = measured;
+    report.threads = threads.count();
+    for (output, path) in &outputs.files {
+        let written = output::write(bench, recipe, output, path, &solid, Some(&mesh))?;
+        report.outputs.extend(written);
+        clock.lap("write")?;
+    }
+    report.stages = clock.stages;
+    report.peak_memory_bytes = memory::peak();
+    for path in &outputs.reports {
+        let text = serde_json::to_string_pretty(&report)
+            .map_err(|e| RunError::Empty(format!("writing the report: {e}")))?;
+        crate::io::atomic::write_bytes(path, format!("{text}\n").as_bytes())?;
+    }
+    Ok(report)
+}
+
+fn threads(options: &RunOptions) -> Result<Threads, RunError> {
+    Threads::new(options.threads).map_err(|e| RunError::Threads(e.to_string()))
+}
+
+/// Volume, area, pieces and walls of the solid; gives its mesh.
+fn measure(
+    bench: Bench,
+    stock: &Stock,
+    solid: &crate::vdb::LevelSet,
+    report: &mut SolidReport,
+) -> Result<crate::mesh::TriMesh, RunError> {
+    let failed = RunError::level_set("measure");
+    let session = bench.session();
+    bench.progress.stage("mesh", None);
+    let mesh = solid.to_mesh(session).map_err(&failed)?;
+    if mesh.is_empty() {
+        let last = stock.recipe.sections().op.len();
+        return Err(RunError::Empty(match last {
+            0 => "sampling".into(),
+            n => format!("op.{}", n - 1),
+        }));
+    }
+    bench.progress.stage("measure", None);
+    report.volume = solid.volume(session).map_err(&failed)?;
+    report.area = solid.area(session).map_err(&failed)?;
+    report.components = 1;
+    report.bounds = Some(mesh.bounds());
+    report.volume_fraction = stock.room().map(|room| report.volume / room);
+    let resolution = 1.5 * bench.scale.voxel_size;
+    let wall = bench
+        .threads
+        .install(|| wall::least_wall(&mesh, resolution, bench.progress))?;
+    report.least_wall = wall.map(|w| w.thickness);
+    report.least_wall_place = wall.map(|w| w.place.into());
+    Ok(mesh)
+}
+
+/// Outputs with their paths.
+struct Targets<'a> {
+    files: Vec<(&'a crate::recipe::Output, PathBuf)>,
+    reports: Vec<PathBuf>,
+}
+
+/// Resolves the outputs, refuses those that would overwrite an input, and makes the directory asked
+/// for.
+fn targets<'a>(stock: &Stock<'a>, options: &RunOptions) -> Result<Targets<'a>, RunError> {
+    let recipe = stock.recipe;
+    let mut targets = Targets {
+        files: Vec::new(),
+        reports: Vec::new(),
+    };
+    for output in &recipe.sections().output {
+        for (kind, path) in output.named() {
+            let path = output::target(recipe, options.out.as_deref(), path);
+            if stock.is_input(&path) {
+                return Err(RunError::Overwrite(path));
+            }
+            match kind {
+                OutputKind::Report => targets.reports.push(path),
+                _ => targets.files.push((output, path)),
+            }
+        }
+    }
+    if let Some(out) = &options.out {
+        std::fs::create_dir_all(out).map_err(|e| crate::io::WriteError::Create {
+            path: out.clone(),
+            reason: e.to_string(),
+        })?;
+        if targets.reports.is_empty() {
+            targets.reports.push(out.join("report.json"));
+        }
+    }
+    Ok(targets)
+}
+
+/// Measures stages and asks after each whether to go on.
+struct Clock<'a> {
+    progress: &'a dyn Progress,
+    last: Instant,
+    stages: Vec<Stage>,
+}
+
+impl<'a> Clock<'a> {
+    fn new(progress: &'a dyn Progress) -> Self {
+        Self {
+            progress,
+            last: Instant::now(),
+            stages: Vec::new(),
+        }
+    }
+
+    /// Ends a stage; equal names in a row are one.
+    fn lap(&mut self, name: &str) -> Result<(), Cancelled> {
+        let seconds = self.last.elapsed().as_secs_f64();
+        self.last = Instant::now();
+        match self.stages.last_mut() {
+            Some(stage) if stage.name == name => stage.seconds += seconds,
+            _ => self.stages.push(Stage {
+                name: name.to_owned(),
+                seconds,
+            }),
+        }
+        if self.progress.cancelled() {
+            return Err(Cancelled);
+        }
+        Ok(())
+    }
+}

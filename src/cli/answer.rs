@@ -1,0 +1,52 @@
+//! What a command found: text for people, one object for programs, and the exit code.
+
+use super::Session;
+use serde_json::Value;
+use std::io::{self, Write};
+
+/// The result of a command.
+pub(super) struct Answer {
+    text: String,
+    json: Value,
+    code: u8,
+}
+
+impl Answer {
+    /// A result to be shown as text, or as an object with `--json`.
+    pub(super) fn new(text: impl Into<String>, json: Value) -> Self {
+        Self {
+            text: text.into(),
+            json,
+            code: 0,
+        }
+    }
+
+    /// The same result of a check that `passed` or not: exit code 1.
+    pub(super) fn verdict(self, passed: bool) -> Self {
+        Self {
+            code: u8::from(!passed),
+            ..self
+        }
+    }
+
+    /// Prints it and gives the exit code. A closed pipe ends quietly.
+    pub(super) fn print(self, session: &Session) -> u8 {
+        let text = if session.json() {
+            format!("{}\n", self.json)
+        } else if self.text.is_empty() || self.text.ends_with('\n') {
+            self.text
+        } else {
+            format!("{}\n", self.text)
+        };
+        match write_stdout(text.as_bytes()) {
+            Err(e) if e.kind() != io::ErrorKind::BrokenPipe => 74,
+            _ => self.code,
+        }
+    }
+}
+
+fn write_stdout(bytes: &[u8]) -> io::Result<()> {
+    let mut out = io::stdout().lock();
+    out.write_all(bytes)?;
+    out.flush()
+}

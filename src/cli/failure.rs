@@ -1,0 +1,310 @@
+//! Errors as the user sees them: one block on stderr, or one object with `--json`.
+
+use super::Session;
+use crate::io::{ErrorClass, ReadError, WriteError};
+use crate::pipeline::RunError;
+use crate::recipe::{Place, RecipeError, RecipeFault};
+use crate::vdb::{FileError, VdbError};
+use serde_json::{Value, json};
+use std::io::Write;
+use std::process::ExitCode;
+use std::sync::Mutex;
+
+/// Exit codes of failures.
+pub(super) const USAGE: u8 = 2;
+const DATA: u8 = 65;
+const MISSING: u8 = 66;
+const BUG: u8 = 70;
+const CREATE: u8 = 73;
+const IO: u8 = 74;
+
+/// Why a command failed, ready to be shown.
+#[derive(Debug, Default)]
+pub(super) struct Failure {
+    code: u8,
+    message: String,
+    file: Option<String>,
+    line: Option<u64>,
+    column: Option<u64>,
+    excerpt: Option<String>,
+    element: Option<u64>,
+    hint: Option<String>,
+}
+
+impl Failure {
+    /// A failure of bad data in a file.
+    pub(super) fn data(file: &std::path::Path, message: impl Into<String>) -> Self {
+        Self {
+            code: DATA,
+            message: message.into(),
+            file: Some(file.display().to_string()),
+            ..Self::default()
+        }
+    }
+
+    /// Arguments that parse but make no sense together.
+    pub(super) fn usage(message: impl Into<String>) -> Self {
+        Self {
+            code: USAGE,
+            message: message.into(),
+            ..Self::default()
+        }
+    }
+
+    /// The same failure with advice.
+    pub(super) fn hint(self, hint: impl Into<String>) -> Self {
+        Self {
+            hint: Some(hint.into()),
+            ..self
+        }
+    }
+
+    /// A caught panic.
+    pub(super) fn bug() -> Self {
+        let panic = PANIC.lock().ok().and_then(|mut p| p.take());
+        Self {
+            code: BUG,
+            message: format!(
+                "this is a bug of druse {}: {}",
+                env!("CARGO_PKG_VERSION"),
+                panic.unwrap_or_else(|| "a panic without a message".into())
+            ),
+            hint: Some("please report it with the command and its inputs".into()),
+            ..Self::default()
+        }
+    }
+
+    /// The end of a run that a signal stopped.
+    pub(super) fn stopped(code: u8) -> Self {
+        Self {
+            code,
+            message: if code == 143 {
+                "terminated; nothing half-written remains".into()
+            } else {
+                "interrupted; nothing half-written remains".into()
+            },
+            ..Self::default()
+        }
+    }
+
+    fn json(&self) -> Value {
+        json!({
+            "code": self.code,
+            "message": self.message,
+            "file": self.file,
+            "line": self.line,
+            "element": self.element,
+            "hint": self.hint,
+        })
+    }
+
+    fn block(&self, colored: bool) -> String {
+        let paint = |code: &str, text: &str| {
+            if colored {
+                format!("\x1b[{code}m{text}\x1b[0m")
+            } else {
+                text.to_owned()
+            }
+        };
+        let mut block = format!("{}: {}\n", paint("1;31", "error"), self.message);
+        if let Some(file) = &self.file {
+            let place = [self.line, self.column]
+                .iter()
+                .map_while(|n| n.map(|n| format!(":{n}")))
+                .collect::<String>();
+            block += &format!("  {} {file}{place}\n", paint("1;34", "-->"));
+        }
+        if let Some(excerpt) = &self.excerpt {
+            block += &format!("   {} {excerpt}\n", paint("1;34", "|"));
+        }
+        if let Some(element) = self.element {
+            block += &format!("  {} element {element}\n", paint("1;34", "-->"));
+        }
+        if let Some(hint) = &self.hint {
+            block += &format!("  {} {hint}\n", paint("1;36", "hint:"));
+        }
+        block
+    }
+
+    /// Prints it and gives the exit code.
+    pub(super) fn print(&self, session: &Session) -> u8 {
+        let _ = write!(std::io::stderr(), "{}", self.block(session.colored()));
+        if session.json() {
+            let _ = writeln!(std::io::stdout(), "{}", self.json());
+        }
+        self.code
+    }
+}
+
+/// Arguments that do not parse; `--help` and `--version` come here too and are no error.
+pub(super) fn usage(error: &clap::Error, json: bool) -> ExitCode {
+    let code = error.exit_code() as u8;
+    let _ = error.print();
+    if json && code != 0 {
+        let text = error.render().to_string();
+        let message = text
+            .lines()
+            .next()
+            .unwrap_or("")
+            .trim_start_matches("error: ");
+        let failure = Failure {
+            hint: Some("druse --help lists commands and flags".into()),
+            ..Failure::usage(message)
+        };
+        let _ = writeln!(std::io::stdout(), "{}", failure.json());
+    }
+    ExitCode::from(code)
+}
+
+/// The message of the last panic, kept for [`Failure::bug`].
+static PANIC: Mutex<Option<String>> = Mutex::new(None);
+
+/// Keeps panics off stderr: they are shown as one error like any other.
+pub(super) fn hush_panics() {
+    std::panic::set_hook(Box::new(|info| {
+        let text = info
+            .payload()
+            .downcast_ref::<&str>()
+            .map(|s| (*s).to_owned())
+            .or_else(|| info.payload().downcast_ref::<String>().cloned())
+            .unwrap_or_else(|| "a panic without a message".into());
+        let place = info
+            .location()
+            .map_or(String::new(), |l| format!(" ({}:{})", l.file(), l.line()));
+        if let Ok(mut panic) = PANIC.lock() {
+            panic.get_or_insert(format!("{text}{place}"));
+        }
+    }));
+}
+
+impl From<RecipeError> for Failure {
+    fn from(e: RecipeError) -> Self {
+        let code = match e.fault {
+            RecipeFault::Missing => MISSING,
+            RecipeFault::Unreadable => IO,
+            RecipeFault::Invalid => DATA,
+        };
+        let mut failure = Self {
+            code,
+            message: e.to_string(),
+            file: e.file.as_ref().map(|f| f.display().to_string()),
+            hint: e.hint.map(Into::into),
+            ..Self::default()
+        };
+        match e.place {
+            Some(Place::Line { line, column, text }) => {
+                failure.line = Some(line as u64);
+                failure.column = Some(column as u64);
+                failure.excerpt = Some(text);
+            }
+            Some(Place::Override(text)) => failure.excerpt = Some(format!("--set {text}")),
+            None => {}
+        }
+        failure
+    }
+}
+
+impl From<ReadError> for Failure {
+    fn from(e: ReadError) -> Self {
+        let place = match e.place() {
+            crate::io::Place::File | crate::io::Place::Line(_) => String::new(),
+            place => format!("{place}: "),
+        };
+        Self {
+            code: e.class().exit_code(),
+            message: format!("{place}found {}; expected {}", e.found(), e.expected()),
+            file: Some(e.path().display().to_string()),
+            line: e.line(),
+            element: e.item(),
+            hint: e.hint().map(str::to_owned),
+            ..Self::default()
+        }
+    }
+}
+
+impl From<FileError> for Failure {
+    fn from(e: FileError) -> Self {
+        let message = e.to_string();
+        let (code, file) = match e {
+            FileError::Cancelled(_) => return Self::stopped(130),
+            FileError::Io { path, source } if source.kind() == std::io::ErrorKind::NotFound => {
+                (MISSING, path)
+            }
+            FileError::Io { path, .. } | FileError::OpenVdb { path, .. } => (IO, path),
+            FileError::Damaged { path, .. }
+            | FileError::NoGrid { path, .. }
+            | FileError::NotALevelSet { path, .. }
+            | FileError::Name { path, .. } => (DATA, path),
+        };
+        Self {
+            code,
+            message,
+            file: Some(file.display().to_string()),
+            ..Self::default()
+        }
+    }
+}
+
+impl From<RunError> for Failure {
+    fn from(e: RunError) -> Self {
+        let message = e.to_string();
+        let (code, hint) = match e {
+            RunError::Recipe(e) => return e.into(),
+            RunError::Read(e) => return e.into(),
+            RunError::Write(e) => return e.into(),
+            RunError::File(e) => return e.into(),
+            RunError::Cancelled(_) => return Self::stopped(130),
+            RunError::Memory { fitting, .. } => (
+                DATA,
+                Some(format!(
+                    "--set band.voxel_size={fitting}, or --memory SIZE if the machine can take it"
+                )),
+            ),
+            RunError::Apart { .. } => (
+                DATA,
+                Some("check the units and frames of both: unit, up, transform".to_owned()),
+            ),
+            RunError::Empty(_) => (
+                DATA,
+                Some("look at the level of the cell, and at walls thinner than a voxel".into()),
+            ),
+            RunError::Overwrite(_) => (CREATE, Some("name it otherwise, or use --out DIR".into())),
+            RunError::Threads(_) => (IO, None),
+            RunError::Band { .. } | RunError::LevelSet { .. } | RunError::Strict { .. } => {
+                (DATA, None)
+            }
+        };
+        Self {
+            code,
+            message,
+            hint,
+            ..Self::default()
+        }
+    }
+}
+
+impl From<VdbError> for Failure {
+    fn from(e: VdbError) -> Self {
+        match e {
+            VdbError::Cancelled(_) => Self::stopped(130),
+            e => Self {
+                code: DATA,
+                message: e.to_string(),
+                ..Self::default()
+            },
+        }
+    }
+}
+
+impl From<WriteError> for Failure {
+    fn from(e: WriteError) -> Self {
+        Self {
+            code: e.class().exit_code(),
+            message: e.to_string(),
+            file: Some(e.path().display().to_string()),
+            hint: (e.class() == ErrorClass::Io)
+                .then(|| "nothing half-written stands under the final name".into()),
+            ..Self::default()
+        }
+    }
+}

@@ -1,0 +1,52 @@
+//! `druse man`: the manual pages, from the same grammar as the flags.
+
+use super::{Answer, Failure, Session, grammar};
+use crate::io::atomic::write_bytes;
+use clap::Args;
+use serde_json::json;
+use std::path::PathBuf;
+
+#[derive(Args)]
+pub(super) struct Parameters {
+    /// Directory to write one page per command into; without it the main page is printed.
+    #[arg(short, long, value_name = "DIR")]
+    out: Option<PathBuf>,
+}
+
+pub(super) fn answer(p: &Parameters, _: &Session) -> Result<Answer, Failure> {
+    let Some(directory) = &p.out else {
+        let page = String::from_utf8_lossy(&page(grammar())).into_owned();
+        let json = json!({ "page": page });
+        return Ok(Answer::new(page, json));
+    };
+    std::fs::create_dir_all(directory).map_err(|e| crate::io::WriteError::Create {
+        path: directory.clone(),
+        reason: e.to_string(),
+    })?;
+    let mut all = grammar();
+    all.build();
+    let mut files = Vec::new();
+    let mut commands = vec![all];
+    while let Some(command) = commands.pop() {
+        // Built commands are shown as "druse-cell-info".
+        let name = command.get_display_name().unwrap_or(command.get_name());
+        let path = directory.join(format!("{name}.1"));
+        files.push(path.display().to_string());
+        let subcommands = command.get_subcommands();
+        let subcommands: Vec<_> = subcommands
+            .filter(|s| s.get_name() != "help")
+            .cloned()
+            .collect();
+        write_bytes(&path, &page(command))?;
+        commands.extend(subcommands);
+    }
+    files.sort();
+    Ok(Answer::new(files.join("\n"), json!({ "pages": files })))
+}
+
+fn page(command: clap::Command) -> Vec<u8> {
+    let mut page = Vec::new();
+    // Writing to memory does not fail.
+    let _ = clap_mangen::Man::new(command).render(&mut page);
+    page
+}

@@ -1,0 +1,39 @@
+//! `druse new NAME`: a commented recipe to start from, which runs as it is.
+
+use super::{Answer, Failure, Session};
+use crate::io::atomic::write_bytes;
+use clap::Args;
+use serde_json::json;
+use std::path::PathBuf;
+
+#[derive(Args)]
+pub(super) struct Parameters {
+    /// Name of the recipe: NAME.toml is written.
+    name: PathBuf,
+    /// Overwrite an existing file.
+    #[arg(long)]
+    force: bool,
+}
+
+const STARTER: &str = include_str!("new.toml");
+
+pub(super) fn answer(p: &Parameters, _: &Session) -> Result<Answer, Failure> {
+    let mut path = p.name.clone();
+    if path.extension().is_none_or(|e| e != "toml") {
+        path.as_mut_os_string().push(".toml");
+    }
+    if path.exists() && !p.force {
+        return Err(Failure::usage(format!("{} exists already", path.display()))
+            .hint("choose another name, or add --force"));
+    }
+    let stem = path
+        .file_stem()
+        .map_or_else(|| "part".into(), |s| s.to_string_lossy().into_owned());
+    let text = STARTER.replace("NAME", &stem);
+    write_bytes(&path, text.as_bytes())?;
+    let shown = path.display().to_string();
+    Ok(Answer::new(
+        format!("{shown}\nrun it with: druse run {shown}"),
+        json!({ "path": shown }),
+    ))
+}

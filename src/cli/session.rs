@@ -1,0 +1,137 @@
+//! One invocation: how it talks, and what it is told to do about progress, colour and warnings.
+
+use super::progress::{Display, Style};
+use super::signals::Signals;
+use crate::pipeline::Warning;
+use crate::progress::Progress;
+use clap::{Args, ValueEnum};
+use std::io::IsTerminal;
+
+/// Flags that every command understands.
+#[derive(Args)]
+pub(super) struct Manners {
+    /// Print exactly one JSON object on stdout.
+    #[arg(long, global = true, help_heading = "Manners")]
+    pub(super) json: bool,
+    /// No progress, no notes on stderr.
+    #[arg(short, long, global = true, help_heading = "Manners")]
+    quiet: bool,
+    /// How progress is shown on stderr [default: a bar on a terminal, nothing elsewhere].
+    #[arg(long, global = true, value_enum, help_heading = "Manners")]
+    progress: Option<Style>,
+    /// When to colour messages; NO_COLOR is honoured.
+    #[arg(
+        long,
+        global = true,
+        value_enum,
+        default_value = "auto",
+        help_heading = "Manners"
+    )]
+    color: Color,
+    /// Say more on stderr; twice for all stages.
+    #[arg(short, long, global = true, action = clap::ArgAction::Count, help_heading = "Manners")]
+    verbose: u8,
+    /// Treat warnings as errors.
+    #[arg(long, global = true, help_heading = "Manners")]
+    strict: bool,
+}
+
+/// When to colour messages.
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Color {
+    /// On a terminal, unless NO_COLOR is set.
+    Auto,
+    /// Always.
+    Always,
+    /// Never.
+    Never,
+}
+
+/// A running invocation.
+pub(super) struct Session {
+    manners: Manners,
+    display: Display,
+    /// Signals that have come.
+    pub(super) signals: Signals,
+}
+
+impl Session {
+    pub(super) fn new(manners: Manners) -> Self {
+        let terminal = std::io::stderr().is_terminal();
+        let style = match manners.progress {
+            _ if manners.quiet => Style::None,
+            Some(style) => style,
+            None if terminal => Style::Bar,
+            None => Style::None,
+        };
+        Self {
+            manners,
+            display: Display::new(style),
+            signals: Signals::listen(),
+        }
+    }
+
+    /// Whether stdout shall be one JSON object.
+    pub(super) fn json(&self) -> bool {
+        self.manners.json
+    }
+
+    /// Whether warnings are errors.
+    pub(super) fn strict(&self) -> bool {
+        self.manners.strict
+    }
+
+    /// Whether more shall be said.
+    pub(super) fn verbose(&self) -> bool {
+        self.manners.verbose > 0
+    }
+
+    /// Whether stderr is coloured.
+    pub(super) fn colored(&self) -> bool {
+        match self.manners.color {
+            Color::Always => true,
+            Color::Never => false,
+            Color::Auto => {
+                let asked_not = std::env::var_os("NO_COLOR").is_some_and(|v| !v.is_empty());
+                !asked_not && std::io::stderr().is_terminal()
+            }
+        }
+    }
+
+    /// A line for the user on stderr, unless quiet.
+    pub(super) fn note(&self, text: &str) {
+        if !self.manners.quiet {
+            self.display.line(text);
+        }
+    }
+
+    /// A warning on stderr; quiet does not hide it.
+    pub(super) fn warn(&self, warning: &Warning) {
+        let (on, off) = if self.colored() {
+            ("\x1b[1;33m", "\x1b[0m")
+        } else {
+            ("", "")
+        };
+        self.display.line(&format!(
+            "{on}warning[{}]{off}: {}",
+            warning.code, warning.message
+        ));
+    }
+
+    /// Takes the progress display off the terminal.
+    pub(super) fn finish(&self) {
+        self.display.finish();
+    }
+}
+
+impl Progress for Session {
+    fn stage(&self, name: &str, total: Option<u64>) {
+        self.display.stage(name, total);
+    }
+    fn advance(&self, n: u64) {
+        self.display.advance(n);
+    }
+    fn cancelled(&self) -> bool {
+        self.signals.stopped()
+    }
+}

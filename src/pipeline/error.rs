@@ -1,0 +1,142 @@
+//! Why a run stopped: the stage's own error, or a rule that only the whole run knows.
+
+use crate::band::BandError;
+use crate::frame::Aabb;
+use crate::io::{ReadError, WriteError};
+use crate::progress::Cancelled;
+use crate::recipe::RecipeError;
+use crate::vdb::{FileError, VdbError};
+use std::path::PathBuf;
+
+/// Why a recipe was not run to its end. Nothing half-written remains.
+#[derive(Debug, thiserror::Error)]
+pub enum RunError {
+    /// The recipe, or a rule between it and its inputs.
+    #[error(transparent)]
+    Recipe(#[from] RecipeError),
+    /// An input could not be read.
+    #[error(transparent)]
+    Read(#[from] ReadError),
+    /// An output could not be written.
+    #[error(transparent)]
+    Write(#[from] WriteError),
+    /// A `.vdb` could not be written.
+    #[error(transparent)]
+    File(#[from] FileError),
+    /// The narrow band could not be evaluated.
+    #[error("{stage}: {error}")]
+    Band {
+        /// What was being sampled.
+        stage: String,
+        /// Why not.
+        error: BandError,
+    },
+    /// An operation on the level set failed.
+    #[error("{stage}: {error}")]
+    LevelSet {
+        /// The operation, as in `op.2.gaussian`.
+        stage: String,
+        /// Why.
+        error: VdbError,
+    },
+    /// Two solids that shall meet lie apart.
+    #[error(
+        "{left_name} and {right_name} do not meet: {left_name} spans {}, {right_name} spans {}",
+        show(left),
+        show(right)
+    )]
+    Apart {
+        /// What has been made so far.
+        left_name: String,
+        /// Its box, recipe units.
+        left: Aabb,
+        /// What it is intersected with.
+        right_name: String,
+        /// Its box.
+        right: Aabb,
+    },
+    /// The run would need more memory than there is.
+    #[error(
+        "this run would need about {} of memory, and {} are available; a voxel size of {fitting} {unit} would fit",
+        gibibytes(*needed), gibibytes(*available)
+    )]
+    Memory {
+        /// Predicted peak, bytes.
+        needed: u64,
+        /// What may be used, bytes.
+        available: u64,
+        /// A voxel size that would fit, recipe units.
+        fitting: String,
+        /// The recipe's unit.
+        unit: &'static str,
+    },
+    /// The solid has no surface.
+    #[error("the solid is empty after {0}")]
+    Empty(String),
+    /// An output has the name of an input.
+    #[error("the output {} would overwrite an input of the recipe", .0.display())]
+    Overwrite(PathBuf),
+    /// Worker threads could not be started.
+    #[error("cannot start threads: {0}")]
+    Threads(String),
+    /// A warning, in a strict run.
+    #[error("{code}: {message} (warnings are errors here)")]
+    Strict {
+        /// Code of the warning.
+        code: &'static str,
+        /// Its text.
+        message: String,
+    },
+    /// The user asked to stop.
+    #[error(transparent)]
+    Cancelled(#[from] Cancelled),
+}
+
+impl RunError {
+    pub(super) fn band(stage: &str) -> impl Fn(BandError) -> Self + '_ {
+        move |error| match error {
+            BandError::Cancelled(c) => Self::Cancelled(c),
+            error => Self::Band {
+                stage: stage.to_owned(),
+                error,
+            },
+        }
+    }
+
+    pub(super) fn level_set(stage: &str) -> impl Fn(VdbError) -> Self + '_ {
+        move |error| match error {
+            VdbError::Cancelled(c) => Self::Cancelled(c),
+            error => Self::LevelSet {
+                stage: stage.to_owned(),
+                error,
+            },
+        }
+    }
+}
+
+/// A box as "[0, 0, 0] to [60, 40, 20]".
+pub(super) fn show(b: &Aabb) -> String {
+    let corner = |v: crate::frame::Vec3| {
+        let [x, y, z] = [v.x, v.y, v.z].map(short);
+        format!("[{x}, {y}, {z}]")
+    };
+    format!("{} to {}", corner(b.min), corner(b.max))
+}
+
+/// A number with five digits, without trailing zeros.
+pub(super) fn short(v: f64) -> String {
+    if v == 0.0 || !v.is_finite() {
+        return format!("{}", v + 0.0);
+    }
+    let digits = (4 - v.abs().log10().floor() as i32).clamp(0, 12) as usize;
+    let text = format!("{v:.digits$}");
+    if text.contains('.') {
+        text.trim_end_matches('0').trim_end_matches('.').to_owned()
+    } else {
+        text
+    }
+}
+
+fn gibibytes(bytes: u64) -> String {
+    format!("{:.1} GiB", bytes as f64 / (1u64 << 30) as f64)
+}

@@ -1,0 +1,240 @@
+//! What a run will need, found by sampling the band at growing resolution.
+//!
+//! The field is culled and a part of its leaves evaluated, first with coarse voxels, then with halved
+//! ones as long as time remains. The number of active voxels grows between h^-2 (a surface) and h^-3
+//! (a structure as fine as its band); where the recipe's own voxel size is not reached, the growth of
+//! the last step is continued.
+
+use super::error::{RunError, short};
+use super::memory;
+use super::shape::{field_operations, shape};
+use super::stock::Stock;
+use crate::band::{self, Sampling};
+use crate::frame::Transform;
+use crate::progress::{Progress, Threads};
+use crate::recipe::{Op, OutputKind, Scale};
+use serde::Serialize;
+use std::time::Instant;
+
+/// Predicted needs of a run.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Estimate {
+    /// Elements of the scaffold.
+    pub elements: u64,
+    /// Blocks of 128^3 voxels that will be visited.
+    pub blocks: u64,
+    /// Leaves of 8^3 voxels in the result.
+    pub leaves: u64,
+    /// Active voxels of the result.
+    pub active_voxels: u64,
+    /// Peak memory of the process.
+    pub peak_memory_bytes: u64,
+    /// Bytes of all outputs.
+    pub disk_bytes: u64,
+    /// Wall time; the least certain of all.
+    pub seconds: f64,
+}
+
+/// Time after which no finer sampling is begun.
+const BUDGET_SECONDS: f64 = 1.5;
+/// Voxels of the extent's box that the coarsest sampling may span.
+const COARSEST: f64 = 3e6;
+/// Bytes of a leaf: 512 floats, mask, origin, and its share of the nodes above.
+const LEAF_BYTES: f64 = 2240.0;
+
+/// A sampled or extrapolated band.
+#[derive(Clone, Copy)]
+struct Counts {
+    blocks: f64,
+    leaves_touched: f64,
+    leaves: f64,
+    active: f64,
+    seconds_per_leaf: f64,
+}
+
+pub(super) fn estimate(
+    stock: &Stock,
+    threads: &Threads,
+    progress: &dyn Progress,
+) -> Result<Estimate, RunError> {
+    let counts = sample(stock, threads, progress, BUDGET_SECONDS)?;
+    Ok(predict(stock, threads, &counts))
+}
+
+/// Refuses a run that would need more memory than there is: a quick look at coarse voxels, a closer
+/// one only where that leaves doubt.
+pub(super) fn check_memory(
+    stock: &Stock,
+    threads: &Threads,
+    budget: Option<u64>,
+    progress: &dyn Progress,
+) -> Result<(), RunError> {
+    let available = match budget {
+        Some(bytes) => bytes,
+        None => match memory::available() {
+            Some(bytes) => bytes + memory::resident(),
+            None => return Ok(()),
+        },
+    };
+    let mut counts = sample(stock, threads, progress, 0.0)?;
+    let quick = predict(stock, threads, &counts).peak_memory_bytes;
+    if quick > available / 3 {
+        counts = sample(stock, threads, progress, BUDGET_SECONDS)?;
+    }
+    let needed = predict(stock, threads, &counts).peak_memory_bytes;
+    if needed <= available {
+        return Ok(());
+    }
+    let h = stock.recipe.scale().voxel_size;
+    let base = memory::resident() as f64;
+    let growth = (needed as f64 - base) / (available as f64 * 0.95 - base).max(1e6);
+    // Two digits, rounded up.
+    let raw = h * growth.sqrt();
+    let step = 10f64.powf(raw.log10().floor() - 1.0);
+    Err(RunError::Memory {
+        needed,
+        available,
+        fitting: short((raw / step).ceil() * step),
+        unit: stock.recipe.unit().symbol(),
+    })
+}
+
+fn sample(
+    stock: &Stock,
+    threads: &Threads,
+    progress: &dyn Progress,
+    seconds: f64,
+) -> Result<Counts, RunError> {
+    let scale = stock.recipe.scale();
+    let half_width = stock.recipe.sections().band.half_width.0;
+    let extent = shape(stock, scale)?.extent;
+    let box_volume = extent.size().map(|s| s.max(scale.voxel_size)).product();
+    // Halvings from the coarsest sampling to the recipe's voxels.
+    let voxels = box_volume / scale.voxel_size.powi(3);
+    let mut level = ((voxels / COARSEST).log2() / 3.0).ceil().max(0.0) as i32;
+    let start = Instant::now();
+    let (mut counts, mut growth) = (None::<Counts>, None::<f64>);
+    loop {
+        let h = scale.voxel_size * 2f64.powi(level);
+        let begun = Instant::now();
+        let coarse = Scale {
+            voxel_size: h,
+            ..scale
+        };
+        let field = shape(stock, coarse)?;
+        let transform =
+            Transform::new(h).ok_or_else(|| RunError::Empty(format!("a voxel size of {h}")))?;
+        let found = band::estimate(
+            &*field.field,
+            transform,
+            half_width,
+            &field.extent,
+            threads,
+            progress,
+            Sampling::default(),
+        )
+        .map_err(RunError::band("estimate"))?;
+        let found = Counts {
+            blocks: found.blocks as f64,
+            leaves_touched: found.leaves_touched as f64,
+            leaves: found.leaves_kept,
+            active: found.active_voxels,
+            seconds_per_leaf: found.seconds_per_leaf,
+        };
+        if let Some(before) = counts.filter(|c| c.active > 0.0) {
+            growth = Some((found.active / before.active).log2().clamp(1.5, 3.0));
+        }
+        counts = Some(found);
+        // The next level takes up to eight times as long.
+        let next = 8.0 * begun.elapsed().as_secs_f64();
+        if level == 0 || start.elapsed().as_secs_f64() + next > seconds {
+            break;
+        }
+        level -= 1;
+    }
+    let counts = counts.unwrap_or(Counts {
+        blocks: 0.0,
+        leaves_touched: 0.0,
+        leaves: 0.0,
+        active: 0.0,
+        seconds_per_leaf: 0.0,
+    });
+    let factor = 2f64.powf(f64::from(level) * growth.unwrap_or(2.0));
+    Ok(Counts {
+        blocks: (counts.blocks * factor).min((voxels / 128f64.powi(3)).max(counts.blocks)),
+        leaves_touched: counts.leaves_touched * factor,
+        leaves: counts.leaves * factor,
+        active: counts.active * factor,
+        ..counts
+    })
+}
+
+/// Memory, disk and time from the counts, with the costs of the bridge's tools.
+fn predict(stock: &Stock, threads: &Threads, c: &Counts) -> Estimate {
+    let sections = stock.recipe.sections();
+    let tree = c.leaves * LEAF_BYTES;
+    // The surface crosses about one voxel in every band's width.
+    let points = c.active / (2.0 * sections.band.half_width.0);
+    let mut peak = tree;
+    let mut seconds = c.leaves_touched * c.seconds_per_leaf / threads.count() as f64;
+    let speed = 2.0 / threads.count() as f64;
+    for op in &sections.op[field_operations(&sections.op)..] {
+        let (copies, ns) = cost(op, stock.recipe.scale());
+        peak = peak.max(tree * (1.0 + copies));
+        seconds += c.active * ns * 1e-9 * speed;
+    }
+    // The mesher's own points and quads, then ours; the ball's tree beside the finished mesh.
+    let surface = points * (12.0 + 16.0);
+    let mesh = points * (24.0 + 2.0 * 12.0);
+    let walls = points * (24.0 + 24.0);
+    peak = peak.max(tree + surface + mesh).max(tree + mesh + walls);
+    seconds += c.active * 400e-9 * speed;
+    let mut disk = 0.0;
+    for output in &sections.output {
+        for (kind, path) in output.named() {
+            disk += match kind {
+                OutputKind::Vdb => c.active * 4.5,
+                OutputKind::Mesh => {
+                    let triangle = path.extension().map_or(50.0, |e| match e.to_str() {
+                        Some("ply") => 19.0,
+                        Some("obj") => 40.0,
+                        Some("3mf") => 22.0,
+                        _ => 50.0,
+                    });
+                    points * 2.0 * triangle
+                }
+                OutputKind::Picture => 200e3,
+                OutputKind::Report => 4e3,
+            };
+            if kind == OutputKind::Vdb {
+                peak = peak.max(2.0 * tree + mesh);
+            }
+        }
+    }
+    Estimate {
+        elements: stock.elements(),
+        blocks: c.blocks.round() as u64,
+        leaves: c.leaves.round() as u64,
+        active_voxels: c.active.round() as u64,
+        peak_memory_bytes: memory::resident() + peak as u64,
+        disk_bytes: disk as u64,
+        seconds,
+    }
+}
+
+/// Extra copies of the tree and nanoseconds per active voxel (2 threads) of an operation.
+fn cost(op: &Op, scale: Scale) -> (f64, f64) {
+    let steps = |size: &crate::recipe::Size| 2.0 * size.resolve(scale) / scale.voxel_size;
+    match op {
+        Op::Intersect(_) | Op::Union(_) | Op::Subtract(_) => (1.0, 100.0),
+        Op::Dilate(d) | Op::Erode(d) => (1.0, 200.0 * steps(d).max(1.0)),
+        Op::Open(d) | Op::Close(d) => (1.0, 400.0 * steps(d).max(1.0)),
+        Op::Gaussian(k) => (2.0, 1150.0 * f64::from(k.iterations.0)),
+        Op::Mean(k) => (1.0, 290.0 * f64::from(k.iterations.0)),
+        Op::Median(k) => (1.0, 550.0 * f64::from(k.iterations.0)),
+        Op::Laplacian(f) => (1.0, 240.0 * f64::from(f.iterations.0)),
+        Op::Curvature(f) => (1.0, 320.0 * f64::from(f.iterations.0)),
+        Op::Renormalise(r) => (1.0, 50.0 * f64::from(r.iterations.0)),
+        Op::KeepLargest(_) | Op::DropSmall(_) => (1.2, 100.0),
+    }
+}

@@ -1,0 +1,37 @@
+//! What memory there is, and what the process has used.
+
+use std::fs;
+
+/// Bytes that the process may still use: the machine's available memory, or what is left of its
+/// control group's limit if that is less. `None` where the system does not tell.
+pub(super) fn available() -> Option<u64> {
+    let machine = kibibytes("/proc/meminfo", "MemAvailable:");
+    [machine, group()].into_iter().flatten().min()
+}
+
+fn group() -> Option<u64> {
+    let read = |path: &str| fs::read_to_string(path).ok()?.trim().parse::<u64>().ok();
+    let v2 = read("/sys/fs/cgroup/memory.max").zip(read("/sys/fs/cgroup/memory.current"));
+    let v1 = || {
+        read("/sys/fs/cgroup/memory/memory.limit_in_bytes")
+            .zip(read("/sys/fs/cgroup/memory/memory.usage_in_bytes"))
+    };
+    let (limit, used) = v2.or_else(v1)?;
+    Some(limit.saturating_sub(used))
+}
+
+/// Greatest resident size of this process so far, bytes; 0 where the system does not tell.
+pub(super) fn peak() -> u64 {
+    kibibytes("/proc/self/status", "VmHWM:").unwrap_or(0)
+}
+
+/// Present resident size of this process, bytes; 0 where the system does not tell.
+pub(super) fn resident() -> u64 {
+    kibibytes("/proc/self/status", "VmRSS:").unwrap_or(0)
+}
+
+fn kibibytes(path: &str, key: &str) -> Option<u64> {
+    let text = fs::read_to_string(path).ok()?;
+    let line = text.lines().find_map(|l| l.strip_prefix(key))?;
+    Some(line.split_whitespace().next()?.parse::<u64>().ok()? * 1024)
+}

@@ -1,0 +1,178 @@
+//! What a run found and made: the content of `report.json`.
+
+use crate::frame::Aabb;
+use serde::Serialize;
+use std::collections::BTreeMap;
+
+/// A run's report. Lengths are in the recipe's unit.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Report {
+    /// Version of Druse.
+    pub druse: String,
+    /// The recipe's file.
+    pub recipe: String,
+    /// BLAKE3 of the recipe's text with its overrides.
+    pub recipe_blake3: String,
+    /// Unit of the lengths here.
+    pub unit: String,
+    /// The files that were read.
+    pub inputs: Vec<Input>,
+    /// The scaffold; absent without one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub scaffold: Option<ScaffoldReport>,
+    /// The cells that were used, by name.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub cells: BTreeMap<String, serde_json::Value>,
+    /// The sampling.
+    pub band: BandReport,
+    /// The solid after the last operation.
+    pub solid: SolidReport,
+    /// Time per stage.
+    pub stages: Vec<Stage>,
+    /// Threads that were used.
+    pub threads: usize,
+    /// Greatest memory of the process.
+    pub peak_memory_bytes: u64,
+    /// The files that were written.
+    pub outputs: Vec<OutputFile>,
+    /// What looked wrong.
+    pub warnings: Vec<Warning>,
+}
+
+/// A file that was read.
+#[derive(Clone, Debug, Serialize)]
+pub struct Input {
+    /// The recipe's key, as in `op.0.intersect.mesh`.
+    pub key: String,
+    /// Its path.
+    pub path: String,
+    /// BLAKE3 of its bytes.
+    pub hash: String,
+    /// Its box in the recipe's unit; for a cell, in reference coordinates.
+    #[serde(rename = "box", serialize_with = "corners")]
+    pub bounds: Aabb,
+}
+
+/// The scaffold.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct ScaffoldReport {
+    /// Number of elements of each kind.
+    pub elements: BTreeMap<String, u64>,
+    /// Elements whose Jacobian changes sign or is negative.
+    pub inverted: u64,
+    /// Nodes that lie on a face or edge they do not belong to.
+    pub hanging: u64,
+    /// Conforming components.
+    pub components: u64,
+    /// Volume of all elements.
+    pub volume: f64,
+}
+
+/// The sampling.
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+pub struct BandReport {
+    /// Edge of a voxel.
+    pub voxel_size: f64,
+    /// Half width in voxels.
+    pub half_width: f64,
+    /// Active voxels of the result.
+    pub active_voxels: u64,
+    /// Leaves of the result.
+    pub leaves: u64,
+    /// Active voxels of the field's own sampling, before operations on the level set.
+    pub active_voxels_sampled: u64,
+    /// Leaves that the bound could not exclude.
+    pub leaves_touched: u64,
+    /// Leaves that held active voxels.
+    pub leaves_kept: u64,
+    /// Samples of the field.
+    pub voxels_evaluated: u64,
+}
+
+/// The solid.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct SolidReport {
+    /// Its volume.
+    pub volume: f64,
+    /// Area of its surface.
+    pub area: f64,
+    /// Its share of the envelope, or of the scaffold where there is none.
+    pub volume_fraction: Option<f64>,
+    /// Share of the element that the recipe asked for.
+    pub volume_fraction_asked: Option<f64>,
+    /// Share of the element that the cell has.
+    pub volume_fraction_cell: Option<f64>,
+    /// Pieces that do not touch.
+    pub components: u64,
+    /// Pieces that `keep_largest` and `drop_small` removed.
+    pub dropped_components: u64,
+    /// Their volume.
+    pub dropped_volume: f64,
+    /// First percentile of the diameters of the largest inscribed balls.
+    pub least_wall: Option<f64>,
+    /// Where it was found.
+    pub least_wall_place: Option<[f64; 3]>,
+    /// The box around it.
+    #[serde(rename = "box", serialize_with = "maybe_corners")]
+    pub bounds: Option<Aabb>,
+}
+
+/// Time of a stage.
+#[derive(Clone, Debug, Serialize)]
+pub struct Stage {
+    /// Its name.
+    pub name: String,
+    /// Wall time.
+    pub seconds: f64,
+}
+
+/// A file that was written.
+#[derive(Clone, Debug, Serialize)]
+pub struct OutputFile {
+    /// Its path.
+    pub path: String,
+    /// Its size.
+    pub bytes: u64,
+    /// Unit of its lengths, where it has any.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub unit: Option<String>,
+    /// BLAKE3 of its bytes.
+    pub hash: String,
+    /// BLAKE3 of what it says, for level sets: equal whenever the grids are.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub content_hash: Option<String>,
+}
+
+/// Something that looks wrong but does not stop a run.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Warning {
+    /// Stable code, as in `W101`.
+    pub code: &'static str,
+    /// What was seen.
+    pub message: String,
+}
+
+impl Warning {
+    /// W101: the boxes of two inputs differ more than a hundredfold.
+    pub const UNITS: &'static str = "W101";
+    /// W102: walls thinner than two voxels.
+    pub const THIN: &'static str = "W102";
+    /// W103: a mesh that is not closed, repaired by the winding number.
+    pub const OPEN: &'static str = "W103";
+    /// W104: a source that its element does not hold wholly, or barely.
+    pub const PLACE: &'static str = "W104";
+    /// W105: a scaffold with doubtful elements.
+    pub const SCAFFOLD: &'static str = "W105";
+    /// W106: pieces that do not hang together.
+    pub const PIECES: &'static str = "W106";
+}
+
+#[allow(clippy::trivially_copy_pass_by_ref)] // serde passes references
+fn corners<S: serde::Serializer>(b: &Aabb, s: S) -> Result<S::Ok, S::Error> {
+    [b.min, b.max].map(|v| [v.x, v.y, v.z]).serialize(s)
+}
+
+fn maybe_corners<S: serde::Serializer>(b: &Option<Aabb>, s: S) -> Result<S::Ok, S::Error> {
+    b.map(|b| [b.min, b.max].map(|v| [v.x, v.y, v.z]))
+        .serialize(s)
+}

@@ -1,0 +1,258 @@
+//! The least wall: how thin the solid is, measured on its surface.
+//!
+//! A ball that touches the surface at p, with inward normal n, and passes through another surface
+//! point q has its centre at p + r n with r = |q - p|^2 / (2 (q - p).n), and sees the two contacts
+//! under at least 90 degrees when (q - p).n >= |q - p| / sqrt 2. The least such r is found by a
+//! shrinking ball: start from a large one, take the nearest q to its centre, shrink until q lies on
+//! it, repeat (Ma, Bae and Choi 2012). The ball counts if it is inscribed, that is if no other part
+//! of the surface reaches into it; in convex edges one does, and they say nothing about walls.
+
+use crate::frame::Vec3;
+use crate::mesh::TriMesh;
+use crate::progress::{Cancelled, Progress};
+use rayon::prelude::*;
+
+/// Samples that are measured at most: a percentile needs no more.
+const SAMPLES: usize = 20_000;
+/// Steps of the shrinking ball; it converges in about six.
+const STEPS: usize = 40;
+/// A ball is inscribed if the surface reaches no deeper into it than this share of its radius.
+const DEPTH: f64 = 0.06;
+
+/// A wall's thickness and a place where it is found.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Wall {
+    /// Diameter of the inscribed ball.
+    pub thickness: f64,
+    /// Centre of the ball.
+    pub place: Vec3,
+}
+
+/// The first percentile of inscribed diameters over the vertices of a closed mesh, `None` where no
+/// ball is inscribed. Points nearer than `resolution` to a sample are its own neighbourhood.
+pub(super) fn least_wall(
+    mesh: &TriMesh,
+    resolution: f64,
+    progress: &dyn Progress,
+) -> Result<Option<Wall>, Cancelled> {
+    let points = mesh.vertices();
+    let normals = inward_normals(mesh);
+    let tree = Tree::new(points);
+    let widest = mesh.bounds().size().max();
+    let stride = points.len().div_ceil(SAMPLES).max(1);
+    let samples: Vec<usize> = (0..points.len()).step_by(stride).collect();
+    progress.stage("walls", Some(samples.len() as u64));
+    let walls: Vec<Option<Wall>> = samples
+        .par_iter()
+        .with_min_len(256)
+        .map(|&s| {
+            if progress.cancelled() {
+                return Err(Cancelled);
+            }
+            progress.advance(1);
+            Ok(inscribed(points[s], normals[s], &tree, widest, resolution))
+        })
+        .collect::<Result<_, _>>()?;
+    let mut walls: Vec<Wall> = walls.into_iter().flatten().collect();
+    walls.sort_by(|a, b| a.thickness.total_cmp(&b.thickness));
+    Ok(walls.get(walls.len() / 100).copied())
+}
+
+fn inscribed(p: Vec3, inward: Vec3, tree: &Tree, widest: f64, resolution: f64) -> Option<Wall> {
+    if inward == Vec3::zeros() {
+        return None;
+    }
+    let (mut radius, mut found) = (widest, false);
+    for _ in 0..STEPS {
+        let opposite = |q: Vec3| {
+            let d = q - p;
+            d.dot(&inward) >= std::f64::consts::FRAC_1_SQRT_2 * d.norm() && d != Vec3::zeros()
+        };
+        let centre = p + inward * radius;
+        let Some(q) = tree.nearest_within(centre, radius * (1.0 - 1e-3), opposite) else {
+            break;
+        };
+        let d = q - p;
+        radius = d.norm_squared() / (2.0 * d.dot(&inward));
+        found = true;
+    }
+    let place = p + inward * radius;
+    let other = |q: Vec3| (q - p).norm() > resolution;
+    let pierced = || tree.nearest_within(place, radius * (1.0 - DEPTH), other).is_some();
+    (found && !pierced()).then(|| Wall {
+        thickness: 2.0 * radius,
+        place,
+    })
+}
+
+/// Area-weighted vertex normals, pointing into the solid; zero where a vertex has none.
+fn inward_normals(mesh: &TriMesh) -> Vec<Vec3> {
+    let mut normals = vec![Vec3::zeros(); mesh.vertices().len()];
+    for t in mesh.triangles() {
+        let [a, b, c] = t.map(|v| mesh.vertices()[v as usize]);
+        let n = (b - a).cross(&(c - a));
+        for v in t {
+            normals[*v as usize] -= n;
+        }
+    }
+    for n in &mut normals {
+        *n = n.try_normalize(0.0).unwrap_or_else(Vec3::zeros);
+    }
+    normals
+}
+
+/// A balanced k-d tree over points, in place: the median of a range is its root.
+struct Tree {
+    points: Vec<Vec3>,
+}
+
+/// Ranges of at most this many points are searched one by one.
+const BUCKET: usize = 8;
+
+impl Tree {
+    fn new(points: &[Vec3]) -> Self {
+        let mut points = points.to_vec();
+        build(&mut points, 0);
+        Self { points }
+    }
+
+    /// The point nearest to `centre` that is nearer than `reach` and `counts`.
+    fn nearest_within(
+        &self,
+        centre: Vec3,
+        reach: f64,
+        counts: impl Fn(Vec3) -> bool,
+    ) -> Option<Vec3> {
+        let mut best = (reach * reach, None);
+        search(&self.points, 0, centre, &counts, &mut best);
+        best.1
+    }
+}
+
+fn build(points: &mut [Vec3], axis: usize) {
+    if points.len() <= BUCKET {
+        return;
+    }
+    let middle = points.len() / 2;
+    points.select_nth_unstable_by(middle, |a, b| a[axis].total_cmp(&b[axis]));
+    let (left, right) = points.split_at_mut(middle);
+    let next = (axis + 1) % 3;
+    if middle > 1 << 14 {
+        rayon::join(|| build(left, next), || build(&mut right[1..], next));
+    } else {
+        build(left, next);
+        build(&mut right[1..], next);
+    }
+}
+
+fn search(
+    points: &[Vec3],
+    axis: usize,
+    centre: Vec3,
+    counts: &impl Fn(Vec3) -> bool,
+    best: &mut (f64, Option<Vec3>),
+) {
+    let consider = |p: Vec3, best: &mut (f64, Option<Vec3>)| {
+        let distance = (p - centre).norm_squared();
+        if distance < best.0 && counts(p) {
+            *best = (distance, Some(p));
+        }
+    };
+    if points.len() <= BUCKET {
+        points.iter().for_each(|&p| consider(p, best));
+        return;
+    }
+    let middle = points.len() / 2;
+    let root = points[middle];
+    let next = (axis + 1) % 3;
+    let offset = centre[axis] - root[axis];
+    let (near, far) = if offset < 0.0 {
+        (&points[..middle], &points[middle + 1..])
+    } else {
+        (&points[middle + 1..], &points[..middle])
+    };
+    search(near, next, centre, counts, best);
+    consider(root, best);
+    if offset * offset < best.0 {
+        search(far, next, centre, counts, best);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::frame::Aabb;
+    use crate::progress::Silent;
+
+    /// A box of `size`, each face an n x n grid of quads.
+    fn grid_box(size: Vec3, n: u32) -> TriMesh {
+        let (mut vertices, mut triangles) = (Vec::new(), Vec::new());
+        for axis in 0..3 {
+            for side in [0.0, 1.0] {
+                let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
+                let start = vertices.len() as u32;
+                for i in 0..=n {
+                    for j in 0..=n {
+                        let mut p = Vec3::zeros();
+                        p[axis] = side * size[axis];
+                        p[u] = f64::from(i) / f64::from(n) * size[u];
+                        p[v] = f64::from(j) / f64::from(n) * size[v];
+                        vertices.push(p);
+                    }
+                }
+                for i in 0..n {
+                    for j in 0..n {
+                        let at = |i, j| start + i * (n + 1) + j;
+                        let quad = [at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)];
+                        let [a, b, c, d] = quad;
+                        if side == 1.0 {
+                            triangles.extend([[a, b, c], [a, c, d]]);
+                        } else {
+                            triangles.extend([[a, c, b], [a, d, c]]);
+                        }
+                    }
+                }
+            }
+        }
+        TriMesh::new(vertices, triangles).unwrap()
+    }
+
+    #[test]
+    fn a_plate_is_as_thick_as_its_least_edge() {
+        let mesh = grid_box(Vec3::new(10.0, 10.0, 1.0), 100);
+        assert!((mesh.volume() - 100.0).abs() < 1e-9);
+        let wall = least_wall(&mesh, 0.15, &Silent).unwrap().unwrap();
+        assert!((wall.thickness - 1.0).abs() < 0.02, "{wall:?}");
+        assert!((wall.place.z - 0.5).abs() < 0.02);
+    }
+
+    #[test]
+    fn a_ball_is_as_thick_as_its_diameter() {
+        let mesh = TriMesh::ball(Vec3::new(1.0, 2.0, 3.0), 2.0, 5);
+        let wall = least_wall(&mesh, 0.2, &Silent).unwrap().unwrap();
+        assert!((wall.thickness - 4.0).abs() < 0.05, "{wall:?}");
+        assert!((wall.place - Vec3::new(1.0, 2.0, 3.0)).norm() < 0.1);
+    }
+
+    #[test]
+    fn nearest_agrees_with_a_scan() {
+        let bounds = Aabb::of([Vec3::zeros(), Vec3::repeat(1.0)]);
+        let mut state = 1u64;
+        let mut next = || {
+            state = state.wrapping_mul(6364136223846793005).wrapping_add(1);
+            (state >> 11) as f64 / (1u64 << 53) as f64
+        };
+        let points: Vec<Vec3> = (0..500)
+            .map(|_| bounds.size().map(|s| s * next()))
+            .collect();
+        let tree = Tree::new(&points);
+        for _ in 0..200 {
+            let c = Vec3::from_fn(|_, _| next());
+            let scan = points
+                .iter()
+                .copied()
+                .min_by(|a, b| (a - c).norm().total_cmp(&(b - c).norm()));
+            assert_eq!(tree.nearest_within(c, 9.0, |_| true), scan);
+        }
+    }
+}
