@@ -2,8 +2,9 @@
 //!
 //! A ball that touches the surface at p, with inward normal n, and passes through another surface
 //! point q has its centre at p + r n with r = |q - p|^2 / (2 (q - p).n), and sees the two contacts
-//! under at least 90 degrees when (q - p).n >= |q - p| / sqrt 2. The least such r is found by a
-//! shrinking ball: start from a large one, take the nearest q to its centre, shrink until q lies on
+//! under an angle t when (q - p).n = |q - p| sin(t / 2). Only contacts with t >= 100 degrees are looked
+//! at: 90, below which a ball sits in an edge, and 10 for the noise of normals, since right edges are
+//! everywhere. The least such r is found by a shrinking ball: start from a large one, take the nearest q to its centre, shrink until q lies on
 //! it, repeat (Ma, Bae and Choi 2012). The ball counts if it is inscribed, that is if no other part
 //! of the surface reaches into it; in convex edges one does, and they say nothing about walls.
 
@@ -16,6 +17,8 @@ use rayon::prelude::*;
 const SAMPLES: usize = 20_000;
 /// Steps of the shrinking ball; it converges in about six.
 const STEPS: usize = 40;
+/// Sine of half the least angle under which two contacts are opposite.
+const OPPOSITE: f64 = 0.766;
 /// A ball is inscribed if the surface reaches no deeper into it than this share of its radius.
 const DEPTH: f64 = 0.06;
 
@@ -66,10 +69,10 @@ fn inscribed(p: Vec3, inward: Vec3, tree: &Tree, widest: f64, resolution: f64) -
     for _ in 0..STEPS {
         let opposite = |q: Vec3| {
             let d = q - p;
-            d.dot(&inward) >= std::f64::consts::FRAC_1_SQRT_2 * d.norm() && d != Vec3::zeros()
+            d.dot(&inward) >= OPPOSITE * d.norm() && d != Vec3::zeros()
         };
         let centre = p + inward * radius;
-        let Some(q) = tree.nearest_within(centre, radius * (1.0 - 1e-3), opposite) else {
+        let Some(q) = tree.nearest_within(centre, radius * (1.0 - 5e-3), opposite) else {
             break;
         };
         let d = q - p;
@@ -78,21 +81,26 @@ fn inscribed(p: Vec3, inward: Vec3, tree: &Tree, widest: f64, resolution: f64) -
     }
     let place = p + inward * radius;
     let other = |q: Vec3| (q - p).norm() > resolution;
-    let pierced = || tree.nearest_within(place, radius * (1.0 - DEPTH), other).is_some();
+    let pierced = || {
+        tree.nearest_within(place, radius * (1.0 - DEPTH), other)
+            .is_some()
+    };
     (found && !pierced()).then(|| Wall {
         thickness: 2.0 * radius,
         place,
     })
 }
 
-/// Area-weighted vertex normals, pointing into the solid; zero where a vertex has none.
+/// Angle-weighted vertex normals, pointing into the solid; zero where a vertex has none.
 fn inward_normals(mesh: &TriMesh) -> Vec<Vec3> {
     let mut normals = vec![Vec3::zeros(); mesh.vertices().len()];
-    for t in mesh.triangles() {
-        let [a, b, c] = t.map(|v| mesh.vertices()[v as usize]);
-        let n = (b - a).cross(&(c - a));
-        for v in t {
-            normals[*v as usize] -= n;
+    for (t, corners) in mesh.triangles().iter().zip(mesh.iter_corners()) {
+        for (i, &v) in t.iter().enumerate() {
+            let [a, b, c] = [corners[i], corners[(i + 1) % 3], corners[(i + 2) % 3]];
+            let normal = (b - a).cross(&(c - a));
+            if let Some(unit) = normal.try_normalize(0.0) {
+                normals[v as usize] -= unit * (b - a).angle(&(c - a));
+            }
         }
     }
     for n in &mut normals {
@@ -214,7 +222,7 @@ mod tests {
                 }
             }
         }
-        TriMesh::new(vertices, triangles).unwrap()
+        TriMesh::new(vertices, triangles).unwrap().merged()
     }
 
     #[test]
