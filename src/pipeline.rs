@@ -167,10 +167,9 @@ fn measure(
     report.components = 1;
     report.bounds = Some(mesh.bounds());
     report.volume_fraction = stock.room().map(|room| report.volume / room);
-    let resolution = 1.5 * bench.scale.voxel_size;
     let wall = bench
         .threads
-        .install(|| wall::least_wall(&mesh, resolution, bench.progress))?;
+        .install(|| wall::least_wall(&mesh, bench.progress))?;
     report.least_wall = wall.map(|w| w.thickness);
     report.least_wall_place = wall.map(|w| w.place.into());
     Ok(mesh)

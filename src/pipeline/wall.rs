@@ -20,7 +20,7 @@ const STEPS: usize = 40;
 /// Sine of half the least angle under which two contacts are opposite.
 const OPPOSITE: f64 = 0.766;
 /// A ball is inscribed if the surface reaches no deeper into it than this share of its radius.
-const DEPTH: f64 = 0.06;
+const DEPTH: f64 = 0.1;
 
 /// A wall's thickness and a place where it is found.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -32,10 +32,9 @@ pub(super) struct Wall {
 }
 
 /// The first percentile of inscribed diameters over the vertices of a closed mesh, `None` where no
-/// ball is inscribed. Points nearer than `resolution` to a sample are its own neighbourhood.
+/// ball is inscribed.
 pub(super) fn least_wall(
     mesh: &TriMesh,
-    resolution: f64,
     progress: &dyn Progress,
 ) -> Result<Option<Wall>, Cancelled> {
     let points = mesh.vertices();
@@ -53,7 +52,7 @@ pub(super) fn least_wall(
                 return Err(Cancelled);
             }
             progress.advance(1);
-            Ok(inscribed(points[s], normals[s], &tree, widest, resolution))
+            Ok(inscribed(points[s], normals[s], &tree, widest))
         })
         .collect::<Result<_, _>>()?;
     let mut walls: Vec<Wall> = walls.into_iter().flatten().collect();
@@ -61,7 +60,7 @@ pub(super) fn least_wall(
     Ok(walls.get(walls.len() / 100).copied())
 }
 
-fn inscribed(p: Vec3, inward: Vec3, tree: &Tree, widest: f64, resolution: f64) -> Option<Wall> {
+fn inscribed(p: Vec3, inward: Vec3, tree: &Tree, widest: f64) -> Option<Wall> {
     if inward == Vec3::zeros() {
         return None;
     }
@@ -80,11 +79,8 @@ fn inscribed(p: Vec3, inward: Vec3, tree: &Tree, widest: f64, resolution: f64) -
         found = true;
     }
     let place = p + inward * radius;
-    let other = |q: Vec3| (q - p).norm() > resolution;
-    let pierced = || {
-        tree.nearest_within(place, radius * (1.0 - DEPTH), other)
-            .is_some()
-    };
+    let reach = radius * (1.0 - DEPTH);
+    let pierced = || tree.nearest_within(place, reach, |_| true).is_some();
     (found && !pierced()).then(|| Wall {
         thickness: 2.0 * radius,
         place,
@@ -229,7 +225,7 @@ mod tests {
     fn a_plate_is_as_thick_as_its_least_edge() {
         let mesh = grid_box(Vec3::new(10.0, 10.0, 1.0), 100);
         assert!((mesh.volume() - 100.0).abs() < 1e-9);
-        let wall = least_wall(&mesh, 0.15, &Silent).unwrap().unwrap();
+        let wall = least_wall(&mesh, &Silent).unwrap().unwrap();
         assert!((wall.thickness - 1.0).abs() < 0.02, "{wall:?}");
         assert!((wall.place.z - 0.5).abs() < 0.02);
     }
@@ -237,7 +233,7 @@ mod tests {
     #[test]
     fn a_ball_is_as_thick_as_its_diameter() {
         let mesh = TriMesh::ball(Vec3::new(1.0, 2.0, 3.0), 2.0, 5);
-        let wall = least_wall(&mesh, 0.2, &Silent).unwrap().unwrap();
+        let wall = least_wall(&mesh, &Silent).unwrap().unwrap();
         assert!((wall.thickness - 4.0).abs() < 0.05, "{wall:?}");
         assert!((wall.place - Vec3::new(1.0, 2.0, 3.0)).norm() < 0.1);
     }
