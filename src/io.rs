@@ -14,12 +14,19 @@
 
 pub mod atomic;
 mod error;
+mod mesh_file;
 mod msh;
+mod obj;
+mod ply;
+mod polygon;
 mod scaffold;
 mod source;
+mod stl;
+mod threemf;
 mod tokens;
 mod vtk;
 
 pub use error::{ErrorClass, Place, ReadError, WriteError};
+pub use mesh_file::{MeshFile, MeshFormat, read_mesh, sniff, write_mesh};
 pub use scaffold::{Group, ScaffoldFile, read_scaffold};
 pub use source::{Source, quote};

@@ -1,0 +1,201 @@
+//! Triangle meshes by extension: one door to STL, PLY, OBJ and 3MF.
+
+use super::atomic::AtomicFile;
+use super::{Place, ReadError, Source, WriteError, obj, ply, stl, threemf};
+use crate::frame::LengthUnit;
+use crate::mesh::TriMesh;
+use std::path::Path;
+
+/// A mesh as a file gave it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MeshFile {
+    /// The mesh, vertices of equal coordinates made one where the format keeps none (STL).
+    pub mesh: TriMesh,
+    /// The unit the file states, if it states one.
+    pub unit: Option<LengthUnit>,
+    /// What was odd but could be read, one sentence each.
+    pub warnings: Vec<String>,
+}
+
+/// A mesh format.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum MeshFormat {
+    /// Stereolithography: binary or text, triangles without sharing, no unit (ours names one in its
+    /// header).
+    Stl,
+    /// Polygon file format: text or binary of either byte order.
+    Ply,
+    /// Wavefront: text.
+    Obj,
+    /// 3D Manufacturing Format: zipped XML, with a unit.
+    ThreeMf,
+}
+
+impl MeshFormat {
+    /// Every format with its extension.
+    pub const ALL: [(Self, &'static str); 4] = [
+        (Self::Stl, "stl"),
+        (Self::Ply, "ply"),
+        (Self::Obj, "obj"),
+        (Self::ThreeMf, "3mf"),
+    ];
+
+    /// The format of a path's extension, in either case.
+    pub fn of(path: impl AsRef<Path>) -> Option<Self> {
+        let extension = path.as_ref().extension()?.to_str()?.to_ascii_lowercase();
+        Self::ALL
+            .into_iter()
+            .find(|f| f.1 == extension)
+            .map(|f| f.0)
+    }
+}
+
+/// The extension in words, for a message about a wrong one.
+fn extension_of(path: &Path) -> String {
+    path.extension().map_or_else(
+        || "no extension".into(),
+        |e| format!("the extension .{}", e.to_string_lossy()),
+    )
+}
+
+/// The known extensions as a list.
+fn known() -> String {
+    let names: Vec<String> = MeshFormat::ALL
+        .iter()
+        .map(|f| format!(".{}", f.1))
+        .collect();
+    names.join(", ")
+}
+
+/// What a file's first bytes say it is, with the extension it should have; `None` if they do not say.
+pub fn sniff(head: &[u8]) -> Option<(&'static str, &'static str)> {
+    let text = &head[..head.len().min(512)];
+    let starts =
+        |s: &str| text.len() >= s.len() && text[..s.len()].eq_ignore_ascii_case(s.as_bytes());
+    let has = |s: &str| text.windows(s.len()).any(|w| w == s.as_bytes());
+    if starts("ply\n") || starts("ply\r") {
+        Some(("a PLY file", "ply"))
+    } else if starts("PK\x03\x04") {
+        Some(("a zip archive", "3mf"))
+    } else if starts("$MeshFormat") || starts("$Comments") {
+        Some(("a Gmsh mesh", "msh"))
+    } else if starts("# vtk DataFile") {
+        Some(("a legacy VTK file", "vtk"))
+    } else if has("<VTKFile") {
+        Some(("a VTK XML file", "vtu"))
+    } else if starts("solid") && (has("facet") || has("endsolid")) {
+        Some(("a text STL file", "stl"))
+    } else if text.len() > 7 && &text[..4] == b" BDV" {
+        Some(("an OpenVDB file", "vdb"))
+    } else if starts("ISO-10303-21") {
+        Some(("a STEP file", "step"))
+    } else if starts("\u{89}PNG") || starts("%PDF") || starts("\u{1f}\u{8b}") {
+        Some(("not a mesh", "png"))
+    } else {
+        None
+    }
+}
+
+/// Reads a mesh; the format follows from the extension, and a content that contradicts it is named.
+///
+/// # Errors
+/// [`ReadError`] for a missing file, an unknown extension, or content that is not such a mesh.
+pub fn read_mesh(path: impl AsRef<Path>) -> Result<MeshFile, ReadError> {
+    let path = path.as_ref();
+    let mut source = Source::open(path)?;
+    let format = MeshFormat::of(path);
+    let found = sniff(source.peek(512)?);
+    let Some(format) = format else {
+        let error = ReadError::data(
+            path,
+            Place::File,
+            extension_of(path),
+            format!("one of {}", known()),
+        );
+        return Err(match found {
+            Some((what, extension)) => {
+                error.with_hint(format!("its content is {what}: name it *.{extension}"))
+            }
+            None => error,
+        });
+    };
+    let extension = MeshFormat::ALL[format as usize].1;
+    if let Some((what, should)) = found.filter(|f| f.1 != extension) {
+        let expected = format!("the content of a .{extension} file");
+        let error = ReadError::data(path, Place::File, what, expected);
+        return Err(error.with_hint(format!("if the content is right, name the file *.{should}")));
+    }
+    let file = match format {
+        MeshFormat::Stl => stl::read(source),
+        MeshFormat::Ply => ply::read(source),
+        MeshFormat::Obj => obj::read(source),
+        MeshFormat::ThreeMf => threemf::read(path),
+    }?;
+    if file.mesh.is_empty() {
+        return Err(ReadError::data(
+            path,
+            Place::File,
+            "no triangles",
+            "a mesh with triangles",
+        ));
+    }
+    Ok(file)
+}
+
+/// Writes a mesh whose coordinates are in `unit`, atomically; gives the file's size in bytes.
+///
+/// STL, PLY and 3MF hold `f32`, OBJ holds `f64`. 3MF and STL state the unit, PLY and OBJ in a comment.
+///
+/// # Errors
+/// [`WriteError`] for an unknown extension, a place that cannot be written, a full disk, or a mesh too
+/// large for the format.
+pub fn write_mesh(
+    path: impl AsRef<Path>,
+    mesh: &TriMesh,
+    unit: LengthUnit,
+) -> Result<u64, WriteError> {
+    let path = path.as_ref();
+    let wrong = |reason: String| WriteError::Format {
+        path: path.to_owned(),
+        reason,
+    };
+    let Some(format) = MeshFormat::of(path) else {
+        return Err(wrong(format!(
+            "found {}; expected one of {}",
+            extension_of(path),
+            known()
+        )));
+    };
+    // What is too large for f32 would be written as infinity.
+    let single = format != MeshFormat::Obj;
+    if let Some(c) = mesh
+        .vertices()
+        .iter()
+        .flatten()
+        .find(|c| single && c.abs() > f64::from(f32::MAX))
+    {
+        return Err(wrong(format!(
+            "the coordinate {c} does not fit 32 bits; expected at most 3.4e38"
+        )));
+    }
+    if format == MeshFormat::Stl && mesh.triangles().len() > u32::MAX as usize {
+        let n = mesh.triangles().len();
+        return Err(wrong(format!(
+            "{n} triangles; STL holds at most 4294967295: use .ply"
+        )));
+    }
+    let mut file = match format {
+        MeshFormat::ThreeMf => AtomicFile::create_seekable(path)?,
+        MeshFormat::Stl => AtomicFile::create(path)?.expecting(stl::size(mesh)),
+        MeshFormat::Ply => AtomicFile::create(path)?.expecting(ply::size(mesh, unit)),
+        MeshFormat::Obj => AtomicFile::create(path)?,
+    };
+    let written = match format {
+        MeshFormat::Stl => stl::write(&mut file, mesh, unit),
+        MeshFormat::Ply => ply::write(&mut file, mesh, unit),
+        MeshFormat::Obj => obj::write(&mut file, mesh, unit),
+        MeshFormat::ThreeMf => threemf::write(&mut file, mesh, unit),
+    };
+    written.map_err(|e| file.failed(e))?;
+    file.commit()
+}
