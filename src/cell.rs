@@ -17,7 +17,7 @@
 //! | hex | Oh | cubic |
 //!
 //! [`fit()`] and [`fit_mesh`] make a cell from geometry, [`Surface`] from a closed form; [`Table`] is
-//! the fast evaluation, [`Cell::read`] and [`Cell::write`] the file.
+//! the fast evaluation, [`Cell::from_json`] and [`Cell::to_json`] the text of a `.cell` file.
 //!
 //! ```
 //! use druse::cell::{Cell, Surface};
@@ -34,12 +34,19 @@ use crate::symmetry::{Lattice, PointGroup, SymmetryError};
 use std::sync::{Arc, OnceLock};
 
 mod domain;
+mod file;
+mod fit;
 mod level;
 mod series;
 mod solid;
 mod surface;
 mod table;
 mod wave;
+pub use file::CellTextError;
+pub use fit::{
+    Caps, Components, Distance, FitError, FitOptions, FitReport, Hausdorff, Placement, Sample,
+    SourceReport, fit, fit_mesh, least_squares,
+};
 pub use series::{Coefficient, Series};
 pub use solid::Solid;
 pub use surface::Surface;
@@ -155,6 +162,7 @@ pub struct Cell {
     solid: Solid,
     face_normal: bool,
     gamma: OnceLock<f64>,
+    report: Option<Arc<FitReport>>,
 }
 
 impl Cell {
@@ -196,6 +204,7 @@ impl Cell {
             solid: Solid::Below,
             face_normal: false,
             gamma: OnceLock::new(),
+            report: None,
         })
     }
 
@@ -249,6 +258,16 @@ impl Cell {
     /// Whether the surface was made to meet the element's faces at a right angle.
     pub fn face_normal(&self) -> bool {
         self.face_normal
+    }
+
+    /// How it was fitted, if it was.
+    pub fn report(&self) -> Option<&FitReport> {
+        self.report.as_deref()
+    }
+
+    fn with_report(mut self, report: FitReport) -> Self {
+        self.report = Some(Arc::new(report));
+        self
     }
 
     /// The same cell under another name.

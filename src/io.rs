@@ -13,6 +13,7 @@
 //! ```
 
 pub mod atomic;
+mod cell;
 mod error;
 mod mesh_file;
 mod msh;
@@ -26,6 +27,7 @@ mod threemf;
 mod tokens;
 mod vtk;
 
+pub use cell::{read_cell, write_cell};
 pub use error::{ErrorClass, Place, ReadError, WriteError};
 pub use mesh_file::{MeshFile, MeshFormat, read_mesh, sniff, write_mesh};
 pub use scaffold::{Group, ScaffoldFile, read_scaffold};

@@ -32,7 +32,7 @@ pub struct Series<const D: usize> {
 /// Indices beyond this are refused: no cell needs them, and their tables would not fit in memory.
 const GREATEST_INDEX: i32 = 4096;
 /// Exponentials beyond this are refused.
-const MOST_EXPONENTIALS: usize = 20_000_000;
+const MOST_EXPONENTIALS: usize = 2_000_000;
 
 impl<const D: usize> Series<D> {
     /// The series with these coefficients, each orbit pair at most once.

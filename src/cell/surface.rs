@@ -59,9 +59,12 @@ impl Surface {
         }
     }
 
-    /// The surface of that name.
+    /// The surface of that name; case, `_` and `-` do not matter.
     pub fn from_name(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|s| s.name() == name)
+        let plain = |s: &str| s.replace(['_', '-'], "").to_ascii_lowercase();
+        Self::ALL
+            .into_iter()
+            .find(|s| plain(s.name()) == plain(name))
     }
 
     /// Its function as text.

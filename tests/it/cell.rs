@@ -1,5 +1,9 @@
 //! Laws of `cell`, and the closed forms and reference values it has to meet.
 
+mod file;
+mod fit;
+mod table;
+
 use druse::cell::{Cell, CellError, Series, Solid, Surface, Table};
 use druse::field::Field;
 use druse::frame::{CellBox, CellPoint, Element, Vec3};
@@ -316,83 +320,5 @@ proptest! {
             let sheet = cell.sheet(0.1).unwrap();
             prop_assert!((sheet.value(p) - (v.abs() - 0.1)).abs() < 1e-12);
         }
-    }
-}
-
-mod table {
-    use super::*;
-
-    proptest! {
-        #![proptest_config(ProptestConfig::with_cases(24))]
-
-        #[test]
-        fn table_is_within_its_error_bound(cell in any_cell(), points in prop::collection::vec(any_point(), 60)) {
-            let table = Table::new(&cell).unwrap();
-            for p in points {
-                let (v, g) = cell.value_and_gradient(p);
-                let (w, h) = table.value_and_gradient(p);
-                prop_assert!((v - w).abs() <= table.error_bound(), "{} {}", v - w, table.error_bound());
-                prop_assert!((table.value(p) - w).abs() < 1e-6);
-                // Beside the kink of a sheet the two may lie on different sides.
-                if cell.series().value(p).abs() > table.error_bound() {
-                    prop_assert!((g - h).amax() <= table.gradient_error_bound());
-                }
-            }
-        }
-
-        #[test]
-        fn table_bounds_contain_every_sample(cell in any_cell(), boxes in prop::collection::vec(any_box(), 12)) {
-            let table = Table::new(&cell).unwrap();
-            for (region, points) in boxes {
-                let (bound, steepest) = (table.bound(&region), table.gradient_bound(&region));
-                for p in points {
-                    let (v, g) = table.value_and_gradient(p);
-                    prop_assert!(bound.contains(v), "{bound:?} {v}");
-                    prop_assert!(g.norm() <= steepest, "{} {steepest}", g.norm());
-                    if table.element().face_distance(p) <= 0.0 {
-                        prop_assert!(g.norm() <= table.gradient_sup());
-                    }
-                }
-            }
-        }
-
-        #[test]
-        fn table_is_as_symmetric_as_its_cell(cell in any_cell(), p in any_point()) {
-            let table = Table::new(&cell).unwrap();
-            let v = table.value(p);
-            let largest = cell.series().amplitude() + cell.series().mean().abs() + cell.level();
-            for q in cell.series().group().cartesian(cell.series().lattice()) {
-                let w = table.value(CellPoint(q * p.0));
-                prop_assert!((v - w).abs() < 1e-6 * largest, "{}", v - w);
-            }
-        }
-
-        #[test]
-        fn table_gradient_is_that_of_the_table(cell in any_cell(), p in any_point()) {
-            const STEP: f64 = 2e-3;
-            let table = Table::new(&cell).unwrap();
-            prop_assume!(cell.series().value(p).abs() > 0.05);
-            let g = table.value_and_gradient(p).1;
-            // Fourth-order differences: truncation 1e-12 times the fifth derivative, rounding
-            // 2e-7 over the step.
-            let difference = Vec3::from_fn(|a, _| {
-                let v = |s: f64| table.value(CellPoint(p.0 + Vec3::ith(a, s * STEP)));
-                (8.0 * (v(1.0) - v(-1.0)) - (v(2.0) - v(-2.0))) / (12.0 * STEP)
-            });
-            prop_assert!((g - difference).norm() < 5e-3, "{}", (g - difference).norm());
-        }
-    }
-
-    #[test]
-    fn tolerance_chooses_the_size() {
-        let cell = Surface::Iwp.cell(Element::Hex).unwrap();
-        let coarse = Table::with_tolerance(&cell, 1e-2).unwrap();
-        let fine = Table::with_tolerance(&cell, 1e-4).unwrap();
-        assert!(coarse.samples() < fine.samples());
-        assert!(coarse.error_bound() <= 1.1e-2 && fine.error_bound() <= 1.1e-4);
-        assert!(matches!(
-            Table::with_tolerance(&cell, 1e-15),
-            Err(CellError::TableTooLarge { .. })
-        ));
     }
 }

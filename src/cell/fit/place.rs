@@ -1,0 +1,189 @@
+//! Where a source stands: from its own coordinates to the reference frame of its element.
+
+use super::FitError;
+use crate::frame::{Aabb, Element, Mat3, Vec3};
+use crate::mesh::TriMesh;
+
+/// How source coordinates become reference coordinates.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub enum Placement {
+    /// They are the same.
+    #[default]
+    Reference,
+    /// The source's bounding box onto the element's bounding cube: centre onto centre, the longest
+    /// edge onto 1, uniformly.
+    Fit,
+    /// x -> R (scale x) + translate.
+    Similarity {
+        /// Factor, applied first.
+        scale: f64,
+        /// Rotations about x, then y, then z, in degrees.
+        rotate: [f64; 3],
+        /// Applied last, in reference units.
+        translate: Vec3,
+    },
+    /// The element's vertices in source coordinates, in VTK order.
+    Vertices(Vec<Vec3>),
+}
+
+/// x -> linear x + offset.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Affine {
+    linear: Mat3,
+    offset: Vec3,
+}
+
+impl Affine {
+    /// The mesh moved; triangles are turned where the map mirrors.
+    pub fn mesh(&self, mesh: &TriMesh) -> TriMesh {
+        let moved = mesh.mapped(|p| self.linear * p + self.offset);
+        if self.linear.determinant() < 0.0 {
+            moved.flipped()
+        } else {
+            moved
+        }
+    }
+}
+
+impl Placement {
+    /// The map for a source with these bounds.
+    pub(super) fn affine(&self, element: Element, bounds: Aabb) -> Result<Affine, FitError> {
+        let fail = |text: String| Err(FitError::Placement(text));
+        let (linear, offset) = match self {
+            Self::Reference => (Mat3::identity(), Vec3::zeros()),
+            Self::Fit => {
+                let longest = bounds.size().max();
+                if !(longest.is_finite() && longest > 0.0) {
+                    return fail(format!("the source's box has the longest edge {longest}"));
+                }
+                let scale = longest.recip();
+                (
+                    Mat3::from_diagonal_element(scale),
+                    bounds.centre().0 * -scale,
+                )
+            }
+            Self::Similarity {
+                scale,
+                rotate,
+                translate,
+            } => {
+                if !(scale.is_finite() && *scale > 0.0) {
+                    return fail(format!("scale is {scale}; expected a positive number"));
+                }
+                let angles = rotate.map(f64::to_radians);
+                let [x, y, z] = [Vec3::x_axis(), Vec3::y_axis(), Vec3::z_axis()];
+                let turn = nalgebra::Rotation3::from_axis_angle(&z, angles[2])
+                    * nalgebra::Rotation3::from_axis_angle(&y, angles[1])
+                    * nalgebra::Rotation3::from_axis_angle(&x, angles[0]);
+                (turn.matrix() * *scale, *translate)
+            }
+            Self::Vertices(vertices) => return from_vertices(element, vertices),
+        };
+        let finite = linear.iter().chain(offset.iter()).all(|c| c.is_finite());
+        if !finite {
+            return fail("rotation and translation must be finite numbers".to_owned());
+        }
+        Ok(Affine { linear, offset })
+    }
+}
+
+/// The affine map that takes the given vertices to those of the element.
+fn from_vertices(element: Element, vertices: &[Vec3]) -> Result<Affine, FitError> {
+    let fail = |text: String| Err(FitError::Placement(text));
+    let own = element.vertices();
+    if vertices.len() != own.len() {
+        return fail(format!(
+            "{} vertices for a {}; expected {}",
+            vertices.len(),
+            element.name(),
+            own.len()
+        ));
+    }
+    // Vertex 0 and the ends of three edges that leave it.
+    let edges: [usize; 3] = match element {
+        Element::Hex => [1, 3, 4],
+        _ => [1, 2, 3],
+    };
+    let frame = |v: &[Vec3]| Mat3::from_columns(&edges.map(|e| v[e] - v[0]));
+    let given = frame(vertices);
+    let size = given.norm();
+    let Some(inverse) = given
+        .try_inverse()
+        .filter(|_| given.determinant().abs() > 1e-9 * size.powi(3))
+    else {
+        return fail(format!(
+            "the vertices span no volume (determinant {:e})",
+            given.determinant()
+        ));
+    };
+    let linear = frame(&own) * inverse;
+    let map = Affine {
+        linear,
+        offset: own[0] - linear * vertices[0],
+    };
+    for (i, (v, o)) in vertices.iter().zip(&own).enumerate() {
+        let miss = (map.linear * v + map.offset - o).norm();
+        if miss.is_nan() || miss > 1e-6 {
+            return fail(format!(
+                "vertex {i} is off by {miss:e} reference units from the parallelepiped that vertices \
+                 0, 1, 3 and 4 span"
+            ));
+        }
+    }
+    Ok(map)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn vertices_undo_a_map() {
+        for element in [Element::Tet, Element::Hex] {
+            let m = Mat3::new(2.0, 0.3, 0.0, -0.1, -1.5, 0.2, 0.4, 0.0, 3.0);
+            let t = Vec3::new(5.0, -6.0, 7.0);
+            let moved: Vec<Vec3> = element.vertices().iter().map(|v| m * v + t).collect();
+            let bounds = Aabb::of(moved.iter().copied());
+            let back = Placement::Vertices(moved).affine(element, bounds).unwrap();
+            assert!((back.linear * m - Mat3::identity()).norm() < 1e-12);
+            assert!((back.linear * t + back.offset).norm() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn rotations_apply_in_the_order_x_y_z() {
+        let place = Placement::Similarity {
+            scale: 2.0,
+            rotate: [90.0, 90.0, 0.0],
+            translate: Vec3::new(1.0, 0.0, 0.0),
+        };
+        let map = place.affine(Element::Hex, Aabb::EMPTY).unwrap();
+        // y -> z (about x) -> x (about y), doubled and moved.
+        let image = map.linear * Vec3::y() + map.offset;
+        assert!((image - Vec3::new(3.0, 0.0, 0.0)).norm() < 1e-12);
+    }
+
+    #[test]
+    fn impossible_placements_are_refused() {
+        let bounds = Aabb::of([Vec3::zeros(), Vec3::repeat(1.0)]);
+        let flat = Element::Tet
+            .vertices()
+            .iter()
+            .map(|v| Vec3::new(v.x, v.y, 0.0))
+            .collect();
+        let mut bent = Element::Hex.vertices();
+        bent[6] *= 1.1;
+        for (element, place) in [
+            (Element::Tet, Placement::Vertices(flat)),
+            (Element::Tet, Placement::Vertices(vec![Vec3::zeros(); 3])),
+            (Element::Hex, Placement::Vertices(bent)),
+        ] {
+            assert!(matches!(
+                place.affine(element, bounds),
+                Err(FitError::Placement(_))
+            ));
+        }
+        let point = Aabb::of([Vec3::zeros()]);
+        assert!(Placement::Fit.affine(Element::Hex, point).is_err());
+    }
+}

@@ -1,0 +1,91 @@
+//! What a fit says about itself.
+
+use serde::{Deserialize, Serialize};
+
+/// How well a cell meets the geometry it was fitted to; lengths in reference units.
+///
+/// Distances are those of the source averaged over its images where it lacks the symmetry.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct FitReport {
+    /// "lsq": weighted least squares over the element.
+    pub method: String,
+    /// Name of the lattice.
+    pub lattice: String,
+    /// R: frequencies |f| <= R are kept.
+    pub band_limit: f64,
+    /// Weight of the penalty (1 + |f|^2) a^2.
+    pub regularisation: f64,
+    /// Number of real unknowns.
+    pub degrees_of_freedom: usize,
+    /// Root mean square of cell minus source over the element's interior.
+    pub rms: f64,
+    /// Greatest difference on the element's faces.
+    pub face_max: f64,
+    /// Greatest difference on the element's edges.
+    pub edge_max: f64,
+    /// Distances of the two surfaces.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub hausdorff: Option<Hausdorff>,
+    /// Share of the source's mean square that its symmetric part keeps: 1 for a symmetric source.
+    pub kept_energy: f64,
+    /// Root mean square of the source minus its symmetric part.
+    pub symmetry_residual: f64,
+    /// Greatest gradient sampled inside the element (1 for a distance).
+    pub gradient_inside: f64,
+    /// Greatest gradient sampled over the whole period.
+    pub gradient_outside: f64,
+    /// Pieces of the solid in one element.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub components: Option<Components>,
+    /// What the source is, if it is a mesh.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub source: Option<SourceReport>,
+    /// What the user should look at.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub warnings: Vec<String>,
+}
+
+/// One-sided distances of two surfaces inside the element, sampled.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Hausdorff {
+    /// Greatest distance of a point of the cell's surface to the source's.
+    pub cell_to_source: f64,
+    /// Greatest distance of a point of the source's surface to the cell's.
+    pub source_to_cell: f64,
+}
+
+impl Hausdorff {
+    /// The larger of the two.
+    pub fn max(self) -> f64 {
+        self.cell_to_source.max(self.source_to_cell)
+    }
+}
+
+/// Connected pieces of the solid and of the void in one element, its faces open.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Components {
+    /// Pieces of solid in the source.
+    pub source_solid: usize,
+    /// Pieces of solid in the cell.
+    pub cell_solid: usize,
+    /// Pieces of void in the source.
+    pub source_void: usize,
+    /// Pieces of void in the cell.
+    pub cell_void: usize,
+}
+
+/// The mesh a cell was fitted to, in reference coordinates after placement.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct SourceReport {
+    /// Triangles.
+    pub triangles: usize,
+    /// Triangles in a face plane of the element, which count for the inside test only.
+    pub caps: usize,
+    /// Least corner of the mesh's box.
+    pub box_min: [f64; 3],
+    /// Greatest corner of the mesh's box.
+    pub box_max: [f64; 3],
+    /// Share of the mesh's area (caps left out) inside the element.
+    pub share_inside: f64,
+}

@@ -1,0 +1,55 @@
+//! `.cell` files: unit cells as JSON text (see [`Cell::from_json`] for what stands in them).
+
+use super::{Place, ReadError, WriteError, atomic};
+use crate::cell::Cell;
+use std::fs;
+use std::path::Path;
+
+/// Larger files are refused before they are read; the cell of a thousand coefficients has 100 kB.
+const LARGEST: u64 = 256 << 20;
+
+/// Reads a `.cell` file.
+///
+/// # Errors
+/// [`ReadError`] with the line, if the file is not there or is no cell.
+pub fn read_cell(path: impl AsRef<Path>) -> Result<Cell, ReadError> {
+    let path = path.as_ref();
+    let size = fs::metadata(path)
+        .map_err(|e| ReadError::io(path, e))?
+        .len();
+    if size > LARGEST {
+        return Err(ReadError::data(
+            path,
+            Place::File,
+            format!("{size} bytes"),
+            format!("a cell of at most {LARGEST} bytes"),
+        ));
+    }
+    let bytes = fs::read(path).map_err(|e| ReadError::io(path, e))?;
+    let text = String::from_utf8(bytes).map_err(|e| {
+        let byte = e.utf8_error().valid_up_to() as u64;
+        ReadError::data(
+            path,
+            Place::Byte(byte),
+            "bytes that are no UTF-8",
+            "JSON text",
+        )
+    })?;
+    Cell::from_json(&text).map_err(|e| {
+        let place = e.line.map_or(Place::File, |n| Place::Line(n as u64));
+        ReadError::data(
+            path,
+            place,
+            e.reason,
+            "a Druse cell (format druse-cell, version 1)",
+        )
+    })
+}
+
+/// Writes a `.cell` file atomically; returns its size in bytes.
+///
+/// # Errors
+/// [`WriteError`].
+pub fn write_cell(path: impl AsRef<Path>, cell: &Cell) -> Result<u64, WriteError> {
+    atomic::write_bytes(path, cell.to_json().as_bytes())
+}

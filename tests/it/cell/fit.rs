@@ -1,0 +1,372 @@
+//! Laws of the fit, and the reference values and accuracies it has to meet.
+
+use super::{at, vec3};
+use druse::cell::{
+    Caps, Cell, FitError, FitOptions, Placement, Sample, Series, Surface, fit, fit_mesh,
+    least_squares,
+};
+use druse::field::Field;
+use druse::frame::{Aabb, CellPoint, Element, Vec3};
+use druse::mesh::TriMesh;
+use druse::progress::{Progress, Silent, Threads};
+use druse::symmetry::Basis;
+use serde_json::Value;
+
+type Shape = fn(CellPoint<3>) -> f64;
+
+fn segment(x: Vec3, a: Vec3, b: Vec3) -> f64 {
+    let d = b - a;
+    let t = ((x - a).dot(&d) / d.norm_squared()).clamp(0.0, 1.0);
+    (x - a - d * t).norm()
+}
+
+fn least(values: impl IntoIterator<Item = f64>) -> f64 {
+    values.into_iter().fold(f64::INFINITY, f64::min)
+}
+
+/// A ball with struts to the vertices.
+fn sphere_struts(p: CellPoint<3>) -> f64 {
+    let struts = Element::Tet
+        .vertices()
+        .into_iter()
+        .map(|v| segment(p.0, Vec3::zeros(), v));
+    (p.0.norm() - 0.15).min(least(struts) - 0.07)
+}
+
+/// Struts along the edges.
+fn edge_frame(p: CellPoint<3>) -> f64 {
+    let v = Element::Tet.vertices();
+    least(
+        (0..4)
+            .flat_map(|i| (0..i).map(move |j| (i, j)))
+            .map(|(i, j)| segment(p.0, v[i], v[j])),
+    ) - 0.08
+}
+
+/// Plates on the faces.
+fn face_plates(p: CellPoint<3>) -> f64 {
+    -Element::Tet.face_distance(p) - 0.05
+}
+
+/// Three crossing cylinders along the axes.
+fn cross(p: CellPoint<3>) -> f64 {
+    let s = p.0.component_mul(&p.0);
+    (s.sum() - s.max()).max(0.0).sqrt() - 0.1
+}
+
+fn options(band_limit: f64) -> FitOptions {
+    FitOptions {
+        band_limit,
+        ..FitOptions::default()
+    }
+}
+
+#[test]
+fn least_squares_are_those_of_the_reference() {
+    let data: Value = serde_json::from_str(include_str!("../../data/tet_fit.json")).unwrap();
+    let mut seen = 0;
+    for case in data["cases"].as_array().unwrap() {
+        let id = case["id"].as_str().unwrap();
+        let Some(rest) = id.strip_prefix("lsq-") else {
+            continue;
+        };
+        seen += 1;
+        let source = if rest.starts_with("cross") {
+            cross
+        } else {
+            sphere_struts
+        };
+        let (group, lattice) = Cell::symmetry(Element::Tet, case["lattice"].as_str()).unwrap();
+        let basis = Basis::new(group.clone(), lattice.clone(), case["R"].as_f64().unwrap());
+        assert_eq!(basis.len() as u64, case["real_dof"].as_u64().unwrap());
+        // All barycentric lattice points (i, j, k, l)/n with the same weight.
+        let n: i32 = if rest.starts_with("cross") { 14 } else { 16 };
+        let v = Element::Tet.vertices();
+        let mut points = Vec::new();
+        for i in 0..=n {
+            for j in 0..=n - i {
+                for k in 0..=n - i - j {
+                    let b = [i, j, k, n - i - j - k].map(f64::from);
+                    points.push(CellPoint(
+                        (0..4).map(|c| v[c] * b[c]).sum::<Vec3>() / f64::from(n),
+                    ));
+                }
+            }
+        }
+        assert_eq!(points.len() as u64, case["n_points"].as_u64().unwrap());
+        let samples: Vec<Sample> = points
+            .iter()
+            .map(|&point| Sample {
+                point,
+                value: source(point),
+                weight: 1.0 / points.len() as f64,
+            })
+            .collect();
+        let real = least_squares(&basis, &samples, 1e-7, &Silent).unwrap();
+        let series = Series::new(group, lattice, &basis.coefficients(&real)).unwrap();
+        let square: f64 = samples
+            .iter()
+            .map(|s| (series.value(s.point) - s.value).powi(2) * s.weight)
+            .sum();
+        let rms = case["rms_error_on_samples"].as_f64().unwrap();
+        assert!(
+            (square.sqrt() - rms).abs() < 1e-9,
+            "{id}: {} {rms}",
+            square.sqrt()
+        );
+        for (n, p) in case["test_points"].as_array().unwrap().iter().enumerate() {
+            let (value, gradient) = series.value_and_gradient(CellPoint(vec3(p)));
+            assert!(
+                (value - case["expected_Phi"][n].as_f64().unwrap()).abs() < 1e-6,
+                "{id}"
+            );
+            assert!(
+                (gradient - vec3(&case["expected_grad"][n])).norm() < 1e-5,
+                "{id}"
+            );
+            assert!(
+                (source(CellPoint(vec3(p))) - case["exact_g"][n].as_f64().unwrap()).abs() < 1e-12
+            );
+        }
+    }
+    assert_eq!(seen, 3);
+}
+
+#[test]
+fn accuracy_with_some_240_unknowns() {
+    // rms and two-sided Hausdorff distance with the default regularisation.
+    let aims: [(&str, Shape, f64, f64); 4] = [
+        ("sphere and struts", sphere_struts, 0.0017, 0.010),
+        ("edge frame", edge_frame, 0.0026, 0.020),
+        ("face plates", face_plates, 0.0023, 0.035),
+        ("cross", cross, 0.0024, 0.012),
+    ];
+    for (name, source, rms, distance) in aims {
+        let cell = fit(name, Element::Tet, &source, &options(7.8), &Silent).unwrap();
+        let report = cell.report().unwrap();
+        println!("{name}: {report:?}");
+        let found = report.hausdorff.unwrap();
+        assert!(
+            report.degrees_of_freedom <= 245,
+            "{}",
+            report.degrees_of_freedom
+        );
+        assert!(report.rms <= rms, "{name}: rms {}", report.rms);
+        assert!(found.max() <= distance, "{name}: {found:?}");
+        assert!(
+            report.gradient_inside < 1.6 && report.gradient_outside < 5.0,
+            "{name}"
+        );
+        assert!((report.kept_energy - 1.0).abs() < 1e-9 && report.symmetry_residual < 1e-9);
+        assert!(
+            (cell.gamma() - 1.0).abs() < 0.1,
+            "{name}: gamma {}",
+            cell.gamma()
+        );
+    }
+}
+
+#[test]
+fn error_falls_with_the_band_limit() {
+    for (element, source) in [(Element::Tet, edge_frame as Shape), (Element::Hex, cross)] {
+        let rms: Vec<f64> = [3.0, 4.5, 6.75]
+            .map(|r| {
+                fit("x", element, &source, &options(r), &Silent)
+                    .unwrap()
+                    .report()
+                    .unwrap()
+                    .rms
+            })
+            .to_vec();
+        assert!(rms[1] < 0.7 * rms[0] && rms[2] < 0.7 * rms[1], "{rms:?}");
+    }
+}
+
+#[test]
+fn a_band_limited_symmetric_source_is_met_exactly() {
+    let exact = FitOptions {
+        regularisation: 1e-13,
+        measure: false,
+        ..options(2.9)
+    };
+    for (surface, element) in [
+        (Surface::Diamond, Element::Tet),
+        (Surface::Neovius, Element::Tet),
+        (Surface::Iwp, Element::Hex),
+        (Surface::FRd, Element::Hex),
+    ] {
+        let own = surface.cell(element).unwrap();
+        let cell = fit("x", element, &|p| own.value(p), &exact, &Silent).unwrap();
+        for p in [
+            at(0.1, 0.2, -0.05),
+            at(0.31, 0.27, -0.12),
+            at(0.02, -0.2, 0.13),
+        ] {
+            let (v, g) = own.value_and_gradient(p);
+            let (w, h) = cell.value_and_gradient(p);
+            assert!(
+                (v - w).abs() < 1e-8 && (g - h).norm() < 1e-6,
+                "{surface:?} {}",
+                v - w
+            );
+        }
+        assert!(cell.report().unwrap().rms < 1e-8);
+    }
+}
+
+#[test]
+fn an_unsymmetric_source_is_averaged_and_said_so() {
+    let rod = |p: CellPoint<3>| p.0.x.hypot(p.0.y) - 0.15;
+    let cell = fit("rod", Element::Hex, &rod, &options(4.0), &Silent).unwrap();
+    let report = cell.report().unwrap();
+    assert!(
+        report.symmetry_residual > 0.05 && report.kept_energy < 0.97,
+        "{report:?}"
+    );
+    // The average of the three axes' rods.
+    let p = at(0.3, 0.1, -0.2);
+    let mean = (p.0.x.hypot(p.0.y) + p.0.y.hypot(p.0.z) + p.0.z.hypot(p.0.x)) / 3.0 - 0.15;
+    assert!((cell.value(p) - mean).abs() < 0.02);
+    let odd = |p: CellPoint<3>| p.0.x;
+    assert!(matches!(
+        fit("odd", Element::Hex, &odd, &options(3.0), &Silent),
+        Err(FitError::NoSurface { .. } | FitError::NoSymmetricPart { .. })
+    ));
+}
+
+#[test]
+fn bytes_do_not_depend_on_the_number_of_threads() {
+    let text = |threads: usize| {
+        Threads::new(threads).unwrap().install(|| {
+            fit("x", Element::Tet, &sphere_struts, &options(5.0), &Silent)
+                .unwrap()
+                .to_json()
+        })
+    };
+    assert_eq!(text(1), text(2));
+}
+
+/// Asks to stop at once.
+struct Stop;
+impl Progress for Stop {
+    fn stage(&self, _: &str, _: Option<u64>) {}
+    fn advance(&self, _: u64) {}
+    fn cancelled(&self) -> bool {
+        true
+    }
+}
+#[test]
+fn sources_without_a_surface_are_refused_with_numbers() {
+    let error = |source: &druse::cell::Distance, options: &FitOptions| {
+        fit("x", Element::Tet, source, options, &Silent)
+            .unwrap_err()
+            .to_string()
+    };
+    let far = error(&|p| p.0.norm() + 0.25, &options(3.0));
+    assert!(
+        far.contains("nothing solid inside the tet") && far.contains("from 0.2"),
+        "{far}"
+    );
+    assert!(error(&|p| p.0.norm() - 5.0, &options(3.0)).contains("nothing void"));
+    assert!(
+        error(
+            &|p| if p.0.x > 0.2 { f64::NAN } else { -1.0 },
+            &options(3.0)
+        )
+        .contains("NaN")
+    );
+    assert!(error(&sphere_struts, &options(200.0)).contains("band limit 200"));
+    assert!(error(&sphere_struts, &options(-1.0)).contains("band_limit is -1"));
+    let hexagonal = FitOptions {
+        lattice: Some("hex2".to_owned()),
+        ..options(3.0)
+    };
+    assert!(error(&sphere_struts, &hexagonal).contains("fcc2 or cubic"));
+
+    let stopped = fit("x", Element::Tet, &sphere_struts, &options(3.0), &Stop);
+    assert!(matches!(stopped, Err(FitError::Cancelled(_))));
+}
+
+/// Three crossing square bars along the axes, as overlapping cuboids that end on the hex's faces.
+fn bars(half: f64) -> TriMesh {
+    let mut all = TriMesh::default();
+    for axis in 0..3 {
+        let max = Vec3::from_fn(|a, _| if a == axis { 0.5 } else { half });
+        all.append(&TriMesh::cuboid(&Aabb { min: -max, max }))
+            .unwrap();
+    }
+    all
+}
+
+#[test]
+fn a_mesh_cut_at_the_faces_joins_through_its_caps() {
+    let mesh = bars(0.15);
+    let run = |caps| {
+        fit_mesh(
+            "bars",
+            Element::Hex,
+            &mesh,
+            &Placement::Reference,
+            caps,
+            &options(6.0),
+            &Silent,
+        )
+        .unwrap()
+    };
+    let cell = run(Caps::Exclude);
+    let source = cell.report().unwrap().source.unwrap();
+    assert_eq!((source.triangles, source.caps), (36, 12));
+    assert!((source.share_inside - 1.0).abs() < 1e-9);
+    // The axis of a bar is as deep at the face as half way there.
+    assert!(
+        cell.value(at(0.5, 0.0, 0.0)) < -0.12,
+        "{}",
+        cell.value(at(0.5, 0.0, 0.0))
+    );
+    assert!(cell.value(at(0.35, 0.0, 0.0)) < -0.12);
+    assert!(cell.value(at(0.5, 0.3, 0.0)) > 0.1);
+    let kept = run(Caps::Keep);
+    assert_eq!(kept.report().unwrap().source.unwrap().caps, 0);
+    assert!(kept.value(at(0.5, 0.0, 0.0)).abs() < 0.05);
+}
+
+#[test]
+fn placements_lead_to_the_same_cell() {
+    let mesh = bars(0.15);
+    let own = Element::Hex.vertices();
+    let far = Vec3::new(10.0, -20.0, 3.0);
+    let moved = mesh.mapped(|p| p * 4.0 + far);
+    let there = own.iter().map(|v| v * 4.0 + far).collect();
+    let similarity = Placement::Similarity {
+        scale: 0.25,
+        rotate: [0.0, 0.0, 90.0],
+        translate: -Vec3::new(20.0, 10.0, 3.0) / 4.0,
+    };
+    let run = |mesh: &TriMesh, place: &Placement| {
+        fit_mesh(
+            "bars",
+            Element::Hex,
+            mesh,
+            place,
+            Caps::Exclude,
+            &options(3.0),
+            &Silent,
+        )
+    };
+    let reference = run(&mesh, &Placement::Reference).unwrap();
+    for place in [Placement::Fit, Placement::Vertices(there), similarity] {
+        let cell = run(&moved, &place).unwrap();
+        assert_eq!(cell.report().unwrap().source.unwrap().caps, 12, "{place:?}");
+        for p in [at(0.1, 0.2, 0.3), at(0.4, 0.0, 0.1)] {
+            assert!(
+                (cell.value(p) - reference.value(p)).abs() < 1e-6,
+                "{place:?}"
+            );
+        }
+    }
+    let message = run(&moved, &Placement::Reference).unwrap_err().to_string();
+    assert!(
+        message.contains("nothing solid") && message.contains("fills the box [8.0, -22.0, 1.0]"),
+        "{message}"
+    );
+}
