@@ -17,6 +17,7 @@ use std::collections::HashMap;
 
 mod bvh;
 mod check;
+mod crossing;
 mod intersect;
 mod openness;
 mod rim;

@@ -214,6 +214,44 @@ impl Bvh {
         }
     }
 
+    /// Visits every slot whose box may meet the ray from `p` along an axis, ahead or back.
+    pub(crate) fn along(&self, p: Vec3, axis: usize, ahead: bool, mut visit: impl FnMut(usize)) {
+        if self.nodes.is_empty() {
+            return;
+        }
+        let q = single(self.local.point(p));
+        let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
+        let mut stack = [0u32; STACK];
+        let mut top = 1;
+        while top > 0 {
+            top -= 1;
+            let node = &self.nodes[stack[top] as usize];
+            let mut hit = [false; 4];
+            for l in 0..4 {
+                let across = node.lo[u][l] <= q[u]
+                    && q[u] <= node.hi[u][l]
+                    && node.lo[v][l] <= q[v]
+                    && q[v] <= node.hi[v][l];
+                let before = if ahead {
+                    q[axis] <= node.hi[axis][l]
+                } else {
+                    q[axis] >= node.lo[axis][l]
+                };
+                hit[l] = across && before;
+            }
+            for l in (0..4).filter(|&l| hit[l]) {
+                match node.child(l) {
+                    Child::None => {}
+                    Child::Inner(n) => {
+                        stack[top] = n as u32;
+                        top += 1;
+                    }
+                    Child::Leaf(slots) => slots.for_each(&mut visit),
+                }
+            }
+        }
+    }
+
     /// Visits every slot whose box may meet `region`, until `visit` says stop by `false`.
     pub(crate) fn overlapping(&self, region: &Aabb, mut visit: impl FnMut(usize) -> bool) {
         if self.nodes.is_empty() || region.is_empty() {

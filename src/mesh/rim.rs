@@ -34,13 +34,16 @@ impl Rim {
         })
     }
 
-    /// Whether the winding number, `w` at `centre`, stays on its side of 1/2 within `radius`, no
-    /// surface being there.
-    pub(crate) fn settles(&self, centre: Vec3, radius: f64, w: f64) -> bool {
+    /// How much the winding number may change within `radius` of `centre`, jumps at the surface apart,
+    /// plus the error of its approximation; infinite if the rim comes that near.
+    pub(crate) fn drift(&self, centre: Vec3, radius: f64) -> f64 {
         let r = self.sides.closest(centre, None).0.distance - radius;
-        // A twentieth for the error of the dipoles.
-        let change = self.length * radius / (4.0 * std::f64::consts::PI * r * r) + 0.05;
-        r > 0.0 && (w - 0.5).abs() > change
+        if r > 0.0 {
+            // A twentieth for the dipoles.
+            self.length * radius / (4.0 * std::f64::consts::PI * r * r) + 0.05
+        } else {
+            f64::INFINITY
+        }
     }
 }
 

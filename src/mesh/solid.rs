@@ -1,14 +1,14 @@
 //! A mesh as a solid: exact distance, sign by the winding number.
 //!
 //! A point is inside where the generalised winding number exceeds 1/2, which holds for open,
-//! self-intersecting and duplicated surfaces alike. The value is the signed distance to the
+//! self-intersecting and duplicated surfaces alike; where nothing is open it is counted exactly. The value is the signed distance to the
 //! triangles: 1-Lipschitz wherever the surface is closed. Across a hole, where w = 1/2 without a
 //! surface, the sign changes at a distance; bounds and bulk evaluation take that into account.
 
-use super::TriMesh;
 use super::rim::Rim;
 use super::soup::{Closest, Soup};
 use super::winding::Winding;
+use super::{TriMesh, crossing};
 use crate::field::{Field, Interval, SampleLattice};
 use crate::frame::{Aabb, Vec3, WorldPoint};
 
@@ -29,7 +29,8 @@ pub struct MeshSolid {
     surface: Soup,
     /// What winds, where it is more than the surface.
     whole: Option<Soup>,
-    winding: Winding,
+    /// Dipoles, where something is open.
+    winding: Option<Winding>,
     /// Triangles that wind only: there the sign may change away from the surface.
     caps: Option<Soup>,
     rim: Option<Rim>,
@@ -69,11 +70,13 @@ impl MeshSolid {
         };
         let whole = has_caps.then(|| Soup::new(&numbered));
         let merged = mesh.merged();
+        let rim = Rim::new(merged.vertices(), merged.triangles());
+        let winding = |_: &Rim| Winding::new(whole.as_ref().unwrap_or(&surface));
         Self {
             bounds: mesh.bounds(),
-            winding: Winding::new(whole.as_ref().unwrap_or(&surface)),
+            winding: rim.as_ref().map(winding),
             caps: has_caps.then(|| Soup::new(&part(true))),
-            rim: Rim::new(merged.vertices(), merged.triangles()),
+            rim,
             mesh,
             surface,
             whole,
@@ -108,16 +111,20 @@ impl MeshSolid {
         (found.triangle != u32::MAX).then_some(found)
     }
 
-    /// The generalised winding number at `p`, within a few hundredths (dipoles stand for far triangles).
+    /// The generalised winding number at `p`: exact and whole for a cycle, otherwise within a few
+    /// hundredths (dipoles stand for far triangles).
     pub fn winding_number(&self, p: Vec3) -> f64 {
-        self.winding
-            .number(self.whole.as_ref().unwrap_or(&self.surface), p)
+        let soup = self.whole.as_ref().unwrap_or(&self.surface);
+        match &self.winding {
+            Some(dipoles) => dipoles.number(soup, p),
+            None if !self.bounds.contains(WorldPoint(p)) => 0.0,
+            None => crossing::winding(soup, &self.bounds, p) as f64,
+        }
     }
 
     /// Whether `p` is inside: the winding number exceeds 1/2.
     pub fn contains(&self, p: Vec3) -> bool {
-        // Outside the box of a cycle the winding number is 0.
-        (self.rim.is_some() || self.bounds.contains(WorldPoint(p))) && self.winding_number(p) > 0.5
+        self.winding_number(p) > 0.5
     }
 
     /// Distance to the surface, negative inside.
@@ -126,29 +133,25 @@ impl MeshSolid {
         if self.contains(p) { -d } else { d }
     }
 
-    /// The sign that holds within `radius` of `centre` (true: inside), whose distance to the surface
-    /// is `distance`; `None` where it may change.
-    fn settled(&self, centre: Vec3, radius: f64, distance: f64) -> Option<bool> {
-        if distance <= radius {
+    /// Whether `centre` is inside, if within `radius` of it the sign changes at the surface only;
+    /// `None` where a cap or the film across a hole may come between.
+    fn steady(&self, centre: Vec3, radius: f64) -> Option<bool> {
+        let near = |caps: &Soup| caps.closest_within(centre, radius, None).1 != usize::MAX;
+        if self.caps.as_ref().is_some_and(near) {
             return None;
         }
-        let far = |caps: &Soup| caps.closest(centre, None).0.distance > radius;
-        if !self.caps.as_ref().is_none_or(far) {
-            return None;
-        }
-        match &self.rim {
-            None => Some(self.contains(centre)),
-            Some(rim) => {
-                let w = self.winding_number(centre);
-                rim.settles(centre, radius, w).then_some(w > 0.5)
-            }
-        }
-    }
-
-    /// Whether the sign changes only at the surface within `radius` of `centre`.
-    fn is_coherent(&self, centre: Vec3, radius: f64) -> bool {
-        let far = |caps: &Soup| caps.closest(centre, None).0.distance > radius;
-        self.rim.is_none() && self.caps.as_ref().is_none_or(far)
+        let Some(rim) = &self.rim else {
+            return Some(self.contains(centre));
+        };
+        // The surface itself makes w jump by whole numbers: all values w could take must keep clear
+        // of 1/2.
+        let drift = rim.drift(centre, radius);
+        let w = if drift < 0.5 {
+            self.winding_number(centre)
+        } else {
+            0.5
+        };
+        ((w - w.floor() - 0.5).abs() > drift).then_some(w > 0.5)
     }
 }
 
@@ -180,12 +183,9 @@ impl Field for MeshSolid {
     fn bound(&self, region: &Aabb) -> Interval {
         let (centre, radius) = (region.centre().0, region.half_diagonal());
         let d = self.closest(centre).distance;
-        match self.settled(centre, radius, d) {
-            Some(true) => Interval::new(-d - radius, radius - d),
-            Some(false) => Interval::new(d - radius, d + radius),
-            // The sign changes at the surface only: within the radius, or the value at the centre.
-            None if self.is_coherent(centre, radius) => {
-                let v = if self.contains(centre) { -d } else { d };
+        match self.steady(centre, radius) {
+            Some(inside) => {
+                let v = if inside { -d } else { d };
                 Interval::new(v - radius, v + radius)
             }
             None => Interval::new(-d - radius, d + radius),
@@ -201,8 +201,9 @@ impl Field for MeshSolid {
         let (at_centre, slot) = self.surface.closest(centre, None);
         let hint = (slot != usize::MAX).then_some(slot);
         // A little more, so that samples on the box's corners are held too.
-        let settled = self.settled(centre, radius * (1.0 + 1e-9), at_centre.distance);
-        let coherent = settled.is_none() && self.is_coherent(centre, radius * (1.0 + 1e-9));
+        let radius = radius * (1.0 + 1e-9);
+        let steady = self.steady(centre, radius);
+        let settled = steady.filter(|_| at_centre.distance > radius);
         let [_, ny, nz] = lattice.counts;
         let reach = lattice.step * (1.0 + 1e-9);
         let strides = [1, nz, ny * nz];
@@ -219,9 +220,8 @@ impl Field for MeshSolid {
             slots[n] = slot;
             let inside = settled.unwrap_or_else(|| {
                 // Between two samples whose distances exceed their step no surface can pass.
-                let same = before
-                    .clone()
-                    .find(|&m| coherent && distances[m] + c.distance > reach);
+                let passes = |&m: &usize| distances[m] + c.distance > reach;
+                let same = before.clone().find(|m| steady.is_some() && passes(m));
                 same.map_or_else(|| self.contains(p), |m| out[m].is_sign_negative())
             });
             out[n] = if inside { -c.distance } else { c.distance } as f32;
