@@ -23,16 +23,20 @@
 mod bernstein;
 mod boundary;
 mod cell_box;
+mod defects;
 mod grid;
 mod kind;
 mod map;
 mod orientation;
+mod report;
 mod topology;
 
 pub use boundary::Boundary;
+pub use defects::{Defects, StrayNode, TornFace};
 pub use kind::{FaceNodes, Kind};
 pub use map::{ElementMap, InverseError};
 pub use orientation::Orientation;
+pub use report::{BadElement, InvalidScaffold, ScaffoldReport, Spot};
 pub use topology::{FaceRef, Neighbour};
 
 use crate::frame::{Aabb, CellPoint, Vec3, WorldPoint};

@@ -125,7 +125,9 @@ fn verdict(kind: Kind, net: Net<f64>, tiny: f64) -> Orientation {
     // Greatest and least value seen, with their places.
     let mut high = (f64::NEG_INFINITY, Vec3::zeros());
     let mut low = (f64::INFINITY, Vec3::zeros());
-    let mut unsure: Option<(f64, Vec3)> = None;
+    // The value nearest to zero, in case the sign cannot be proved.
+    let mut nearest = (f64::INFINITY, Vec3::zeros());
+    let mut unsure = false;
     let mut examined = 0;
     while let Some((net, part)) = open.pop_front() {
         examined += 1;
@@ -136,6 +138,9 @@ fn verdict(kind: Kind, net: Net<f64>, tiny: f64) -> Orientation {
             }
             if value < low.0 {
                 low = (value, r);
+            }
+            if value.abs() < nearest.0.abs() {
+                nearest = (value, r);
             }
         }
         if high.0 > tiny && low.0 < -tiny {
@@ -148,13 +153,8 @@ fn verdict(kind: Kind, net: Net<f64>, tiny: f64) -> Orientation {
         if examined < PARTS && (high.0 > tiny || low.0 < -tiny) {
             let way = part.longest();
             open.extend(net.split(way).into_iter().zip(part.split(way)));
-        } else if unsure.is_none() {
-            let middle = part.place(Vec3::repeat(if family == Family::Simplex {
-                0.25
-            } else {
-                0.5
-            }));
-            unsure = Some((net.mean(), middle));
+        } else {
+            unsure = true;
         }
     }
     let place = |(determinant, r): (f64, Vec3)| (determinant, kind.from_parameters(r));
@@ -163,12 +163,12 @@ fn verdict(kind: Kind, net: Net<f64>, tiny: f64) -> Orientation {
         let (determinant, at) = place(if high.0 >= -low.0 { low } else { high });
         return Orientation::Folded { determinant, at };
     }
-    match unsure {
-        Some(p) => {
-            let (determinant, at) = place(p);
-            Orientation::Degenerate { determinant, at }
-        }
-        None if high.0 > 0.0 => Orientation::Positive,
-        None => Orientation::Negative,
+    if unsure {
+        let (determinant, at) = place(nearest);
+        Orientation::Degenerate { determinant, at }
+    } else if high.0 > 0.0 {
+        Orientation::Positive
+    } else {
+        Orientation::Negative
     }
 }

@@ -1,6 +1,7 @@
 //! Laws of `scaffold`: maps against independent numbers, bounds against dense samples, meshes
 //! against what was built into them.
 
+mod defects;
 mod files;
 
 use crate::strategy::{Noise, cell_point, element_nodes, mesh, renumberings};

@@ -1,0 +1,217 @@
+//! Where elements of a scaffold do not fit together.
+
+use super::topology::face_key;
+use super::{FaceRef, Neighbour, Scaffold};
+use crate::frame::{Aabb, CellPoint, Vec3, WorldPoint};
+use rayon::prelude::*;
+
+/// How near, in the cell frame, a node is to a face or node that it is said to lie on.
+const NEAR: f64 = 1e-6;
+/// Gap between two sides of a face, relative to its element, that is taken for rounding.
+const GAP: f64 = 1e-9;
+
+/// A corner node in a place of another element where it should not be.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct StrayNode {
+    /// The node's place in the scaffold.
+    pub node: u32,
+    /// The number, in the file, of the element it lies on or in.
+    pub element: u64,
+}
+
+/// A face whose two sides differ.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TornFace {
+    /// The numbers of both elements in the file.
+    pub elements: [u64; 2],
+    /// Greatest distance between corresponding edge and face middles, world units.
+    pub gap: f64,
+}
+
+/// Everything found; element numbers are the file's.
+#[derive(Clone, Debug, Default)]
+pub struct Defects {
+    /// Pairs of elements with the same corner nodes; the second one is superfluous.
+    pub duplicates: Vec<(u64, u64)>,
+    /// The elements around each face that more than two share.
+    pub crowded: Vec<Vec<u64>>,
+    /// Nodes inside an outer face or edge of an element that does not have them.
+    pub hanging: Vec<StrayNode>,
+    /// Nodes at the place of another element's node.
+    pub unmerged: Vec<StrayNode>,
+    /// Nodes inside another element.
+    pub overlapping: Vec<StrayNode>,
+    /// Faces with common corners and different mid nodes.
+    pub torn: Vec<TornFace>,
+    /// Nodes of no element.
+    pub unused_nodes: usize,
+}
+
+/// What a node is to an element that does not have it as a corner.
+enum Stray {
+    Hanging,
+    Unmerged,
+    Overlapping,
+}
+
+impl Scaffold {
+    /// Looks for places where neighbours do not fit.
+    pub(super) fn defects(&self) -> Defects {
+        let mut used = vec![false; self.nodes().len()];
+        for e in self.elements() {
+            for &n in e.nodes() {
+                used[n as usize] = true;
+            }
+        }
+        let mut defects = Defects {
+            duplicates: self.duplicates(),
+            crowded: self
+                .crowded_faces()
+                .iter()
+                .map(|group| {
+                    let number = |f: &FaceRef| self.number(f.element as usize);
+                    group.iter().map(number).collect()
+                })
+                .collect(),
+            torn: self.torn(),
+            unused_nodes: used.iter().filter(|u| !**u).count(),
+            ..Defects::default()
+        };
+        let margin = NEAR * self.stretch().1;
+        let outer: Vec<u32> = self.outer_corner_nodes();
+        let strays: Vec<Option<(StrayNode, Stray)>> =
+            outer.par_iter().map(|&n| self.stray(n, margin)).collect();
+        for (stray, what) in strays.into_iter().flatten() {
+            match what {
+                Stray::Hanging => defects.hanging.push(stray),
+                Stray::Unmerged => defects.unmerged.push(stray),
+                Stray::Overlapping => defects.overlapping.push(stray),
+            }
+        }
+        defects
+    }
+
+    fn duplicates(&self) -> Vec<(u64, u64)> {
+        let mut keys: Vec<(Vec<u32>, usize)> = self
+            .elements()
+            .map(|e| {
+                let mut key = e.nodes()[..e.kind().corner_count()].to_vec();
+                key.sort_unstable();
+                (key, e.index())
+            })
+            .collect();
+        keys.sort_unstable();
+        let mut found: Vec<(usize, usize)> = keys
+            .chunk_by(|a, b| a.0 == b.0)
+            .flat_map(|same| same[1..].iter().map(|d| (same[0].1, d.1)))
+            .collect();
+        found.sort_unstable_by_key(|p| p.1);
+        found
+            .into_iter()
+            .map(|(a, b)| (self.number(a), self.number(b)))
+            .collect()
+    }
+
+    fn torn(&self) -> Vec<TornFace> {
+        let mut found = Vec::new();
+        for f in (0..self.len()).flat_map(|e| self.faces_of(e)) {
+            let Neighbour::Face(g) = self.neighbour(f) else {
+                continue;
+            };
+            if g < f {
+                continue;
+            }
+            let size = self.element(f.element as usize).bounds().half_diagonal();
+            let gap = self
+                .middles(f)
+                .iter()
+                .zip(self.middles(g))
+                .map(|(a, b)| (a.1 - b.1).norm())
+                .fold(0.0, f64::max);
+            if gap > GAP * size {
+                found.push(TornFace {
+                    elements: [f, g].map(|f| self.number(f.element as usize)),
+                    gap,
+                });
+            }
+        }
+        found
+    }
+
+    /// Middles of a face's edges and of itself, by the nodes they are between, in their order.
+    fn middles(&self, f: FaceRef) -> Vec<([u32; 4], Vec3)> {
+        let e = self.element(f.element as usize);
+        let reference = e.kind().reference_nodes();
+        let corners = e.kind().faces()[f.face as usize].corners;
+        let middle = |set: &[u8]| {
+            let sum: Vec3 = set.iter().map(|&n| reference[n as usize].0).sum();
+            e.map(CellPoint(sum / set.len() as f64)).0
+        };
+        let mut found: Vec<([u32; 4], Vec3)> = (0..corners.len())
+            .map(|i| {
+                let ends = [corners[i], corners[(i + 1) % corners.len()]];
+                let mut key = [u32::MAX; 4];
+                key[..2].copy_from_slice(&ends.map(|n| e.nodes()[n as usize]));
+                key.sort_unstable();
+                (key, middle(&ends))
+            })
+            .collect();
+        found.push((face_key(self.connectivity(), f), middle(corners)));
+        found.sort_unstable_by_key(|m| m.0);
+        found
+    }
+
+    fn outer_corner_nodes(&self) -> Vec<u32> {
+        let mut nodes: Vec<u32> = self
+            .outer_faces()
+            .flat_map(|f| {
+                let e = self.element(f.element as usize);
+                let corners = e.kind().faces()[f.face as usize].corners;
+                corners.iter().map(move |&c| e.nodes()[c as usize])
+            })
+            .collect();
+        nodes.sort_unstable();
+        nodes.dedup();
+        nodes
+    }
+
+    /// The first element that a corner node touches without being its corner.
+    fn stray(&self, node: u32, margin: f64) -> Option<(StrayNode, Stray)> {
+        let at = WorldPoint(self.nodes()[node as usize]);
+        let mut near = Vec::new();
+        self.candidates(&Aabb::of([at.0]).dilated(margin), &mut near);
+        let mut inside = None;
+        for e in near {
+            let element = self.element(e as usize);
+            let corners = &element.nodes()[..element.kind().corner_count()];
+            if corners.contains(&node) {
+                continue;
+            }
+            let Some(xi) = element.inverse_inside(at, NEAR) else {
+                continue;
+            };
+            let found = StrayNode {
+                node,
+                element: self.number(e as usize),
+            };
+            let reference = element.shape().vertices();
+            if reference.iter().any(|v| (v - xi.0).norm() < 4.0 * NEAR) {
+                return Some((found, Stray::Unmerged));
+            }
+            let on_outer = element
+                .shape()
+                .faces()
+                .iter()
+                .zip(self.faces_of(e as usize))
+                .any(|(plane, f)| {
+                    self.neighbour(f) == Neighbour::Outside
+                        && (plane.normal.dot(&xi.0) - plane.offset).abs() <= NEAR
+                });
+            if on_outer {
+                return Some((found, Stray::Hanging));
+            }
+            inside = inside.or(Some((found, Stray::Overlapping)));
+        }
+        inside
+    }
+}
