@@ -32,3 +32,4 @@ pub use error::{ErrorClass, Place, ReadError, WriteError};
 pub use mesh_file::{MeshFile, MeshFormat, read_mesh, sniff, write_mesh};
 pub use scaffold::{Group, ScaffoldFile, read_scaffold};
 pub use source::{Source, quote};
+pub use vtk::write_vtu;

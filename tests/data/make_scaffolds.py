@@ -14,6 +14,8 @@ import gmsh
 import meshio
 import numpy as np
 import pyvista
+from vtkmodules.vtkIOCore import vtkZLibDataCompressor
+from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridWriter
 
 out = pathlib.Path(sys.argv[1])
 out.mkdir(exist_ok=True)
@@ -105,9 +107,26 @@ for name, hexes, order, incomplete in [
     table[file] = known
     grid = pyvista.from_meshio(bare)
     if name in ("tet10", "hex8"):
-        file = f"{name}_appended.vtu"
+        file = f"{name}_vtk.vtu"
         grid.save(out / file)
         table[file] = known
+        # ParaView's ways: appended, raw or base64, compressed or not, either width of header.
+        for form, encode, compress, wide in [
+            ("raw", 0, 1, 1),
+            ("plain", 0, 0, 0),
+            ("base64", 1, 1, 0),
+            ("base64plain", 1, 0, 1),
+        ]:
+            writer = vtkXMLUnstructuredGridWriter()
+            file = f"{name}_appended_{form}.vtu"
+            writer.SetFileName(str(out / file))
+            writer.SetInputData(grid)
+            writer.SetDataModeToAppended()
+            writer.SetEncodeAppendedData(encode)
+            writer.SetCompressor(vtkZLibDataCompressor() if compress else None)
+            writer.SetHeaderTypeToUInt64() if wide else writer.SetHeaderTypeToUInt32()
+            assert writer.Write() == 1
+            table[file] = known
         file = f"{name}_51_binary.vtk"
         grid.save(out / file)
         table[file] = known

@@ -1,6 +1,6 @@
 //! Scaffolds read from files against the counts and volumes that gmsh gives.
 
-use druse::io::{Place, read_scaffold};
+use druse::io::{Place, read_scaffold, write_vtu};
 use druse::scaffold::{Kind, Orientation};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -52,6 +52,79 @@ fn agrees_with_gmsh(extension: &str) -> usize {
 #[test]
 fn msh_files_have_the_elements_and_volume_that_gmsh_reports() {
     assert_eq!(agrees_with_gmsh(".msh"), 20);
+}
+
+#[test]
+fn vtk_files_have_the_elements_and_volume_that_gmsh_reports() {
+    assert_eq!(agrees_with_gmsh(".vtk"), 14);
+    assert_eq!(agrees_with_gmsh(".vtu"), 25);
+}
+
+#[test]
+fn written_grids_read_back_the_same() {
+    let dir = tempfile::tempdir().unwrap();
+    for name in ["tet10_41_ascii.msh", "hex27_22_binary.msh"] {
+        let original = read_scaffold(data(name)).unwrap().scaffold;
+        let quality: Vec<f64> = original.elements().map(|e| e.quality()).collect();
+        let path = dir.path().join("again.vtu");
+        write_vtu(&path, &original, &[("quality <1>", &quality)]).unwrap();
+        let again = read_scaffold(&path).unwrap().scaffold;
+        assert_eq!(again.nodes(), original.nodes());
+        assert_eq!(again.connectivity(), original.connectivity());
+        let wrong = write_vtu(&path, &original, &[("short", &quality[1..])]).unwrap_err();
+        assert!(wrong.to_string().contains("\"short\""), "{wrong}");
+    }
+}
+
+const LEGACY: &str = "# vtk DataFile Version 3.0\n\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS 8 float\n\
+    0 0 0 1 0 0 0 1 0 1 1 0\n0 0 1 1 0 1 0 1 1 1 1 1\n";
+
+#[test]
+fn voxels_are_hexes_and_other_solids_are_refused() {
+    let cells = |cells: &str| format!("{LEGACY}{cells}");
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("voxel.vtk");
+    std::fs::write(&path, cells("CELLS 1 9\n8 0 1 2 3 4 5 6 7\nCELL_TYPES 1\n11\n")).unwrap();
+    let s = read_scaffold(&path).unwrap().scaffold;
+    assert_eq!(s.element(0).kind(), Kind::Hex8);
+    assert!((s.element(0).volume() - 1.0).abs() < 1e-12);
+
+    let e = refusal("a.vtk", &cells("CELLS 2 12\n4 0 1 2 4\n6 0 1 2 4 5 6\nCELL_TYPES 2\n10 13\n"));
+    assert_eq!(e.place(), Place::Item("element", 1));
+    assert!(e.found().contains("wedge"), "{e}");
+    let e = refusal("a.vtk", &cells("CELLS 1 5\n4 0 1 2 8\nCELL_TYPES 1\n10\n"));
+    assert!(e.found().contains("node 8"), "{e}");
+    let e = refusal("a.vtk", &cells("CELLS 1 5\n5 0 1 2 4\nCELL_TYPES 1\n10\n"));
+    assert!(e.found().contains("cell 0"), "{e}");
+    let e = refusal("a.vtk", &cells("CELLS 1 4\n3 0 1 2\nCELL_TYPES 1\n10\n"));
+    assert!(e.expected().contains("4 for a Tet4"), "{e}");
+    let e = refusal("a.vtk", &LEGACY.replace("POINTS 8", "POINTS 1000000000000"));
+    assert!(e.found().contains("1000000000000"), "{e}");
+    let e = refusal("a.vtk", &LEGACY.replace("UNSTRUCTURED_GRID", "POLYDATA"));
+    assert!(e.expected().contains("UNSTRUCTURED_GRID"), "{e}");
+}
+
+#[test]
+fn damaged_vtu_files_are_refused() {
+    let text = std::fs::read_to_string(data("tet4_text.vtu")).unwrap();
+    let change = |from: &str, to: &str| {
+        assert!(text.contains(from), "{from}");
+        refusal("a.vtu", &text.replacen(from, to, 1))
+    };
+    let e = change("UnstructuredGrid\"", "PolyData\"");
+    assert!(e.found().contains("PolyData"), "{e}");
+    let e = change("vtkZLibDataCompressor", "vtkLZ4DataCompressor");
+    assert!(e.hint().unwrap().contains("zlib"), "{e}");
+    let e = change("NumberOfCells=\"62\"", "NumberOfCells=\"63\"");
+    assert!(e.expected().contains("63 cells"), "{e}");
+    let e = change("NumberOfPoints=\"", "NumberOfPoints=\"9999999999999");
+    assert!(e.expected().contains("9999999999999"), "{e}");
+    let e = change("</Cells>", "");
+    assert!(e.found().contains("XML"), "{e}");
+    let e = refusal("a.vtu", &text[..text.len() / 2]);
+    assert!(e.hint().unwrap().contains("truncated"), "{e}");
+    let e = refusal("a.vtu", "");
+    assert!(e.expected().contains("VTK XML"), "{e}");
 }
 
 #[test]

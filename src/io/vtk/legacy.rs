@@ -1,0 +1,240 @@
+//! Legacy `.vtk` files, versions 2 to 5.1.
+
+use super::Cells;
+use super::array::Scalar;
+use crate::io::scaffold::{Collector, ScaffoldFile};
+use crate::io::tokens::Tokens;
+use crate::io::{ReadError, Source, quote};
+use std::path::Path;
+
+/// Reads a legacy `.vtk` file.
+///
+/// # Errors
+/// When it cannot be read, is damaged, is no unstructured grid, or holds solids of other kinds.
+pub fn read(path: &Path) -> Result<ScaffoldFile, ReadError> {
+    let mut file = File {
+        tokens: Tokens::new(Source::open(path)?),
+        binary: false,
+    };
+    let version = file.header()?;
+    let mut collector = Collector::new(path);
+    let (mut points, mut cells, mut types) = (false, None, None);
+    while !(points && cells.is_some() && types.is_some()) {
+        let expected = "POINTS, CELLS and CELL_TYPES";
+        let line = file.tokens.needed_line(expected)?.to_owned();
+        let words: Vec<&str> = line.split_whitespace().collect();
+        match words[..] {
+            ["POINTS", count, scalar] => {
+                file.points(count, scalar, &mut collector)?;
+                points = true;
+            }
+            ["CELLS", a, b] if version >= 5 => cells = Some(file.cells_by_offset(a, b)?),
+            ["CELLS", a, b] => cells = Some(file.cells_by_length(a, b)?),
+            ["CELL_TYPES", count] => {
+                let count = file.count(count, 4, "cell types")?;
+                types = Some(file.whole(Scalar::I32, count)?);
+            }
+            ["METADATA"] => file.metadata()?,
+            ["FIELD", _, arrays] => file.field(arrays)?,
+            _ => return Err(file.bad(&line, expected)),
+        }
+    }
+    let ((ends, nodes), types) = (cells.unwrap_or_default(), types.unwrap_or_default());
+    if types.len() != ends.len() {
+        return Err(file.tokens.source.bad(
+            format!("{} cell types", types.len()),
+            format!("{}, one for each cell", ends.len()),
+        ));
+    }
+    let cells = Cells {
+        types: &types,
+        ends: &ends,
+        nodes: &nodes,
+    };
+    cells.collect(path, 0, 0, &mut collector)?;
+    collector.finish(|_| None)
+}
+
+struct File {
+    tokens: Tokens,
+    binary: bool,
+}
+
+impl File {
+    fn bad(&self, found: &str, expected: &str) -> ReadError {
+        self.tokens.source.bad(quote(found), expected)
+    }
+
+    /// The four lines at the top; gives the major version.
+    fn header(&mut self) -> Result<u32, ReadError> {
+        let expected = "# vtk DataFile Version, the first line of a legacy VTK file";
+        let first = self.tokens.needed_line(expected)?;
+        let version = first
+            .strip_prefix("# vtk DataFile Version")
+            .and_then(|v| v.trim().split('.').next()?.parse().ok());
+        let Some(version) = version else {
+            let first = first.to_owned();
+            return Err(self.bad(&first, expected));
+        };
+        // The title may be blank.
+        if self.tokens.source.line()?.is_none() {
+            return Err(self.bad("", "a title"));
+        }
+        let form = self.tokens.needed_line("ASCII or BINARY")?.to_owned();
+        self.binary = match form.as_str() {
+            "ASCII" => false,
+            "BINARY" => true,
+            _ => return Err(self.bad(&form, "ASCII or BINARY")),
+        };
+        let expected = "DATASET UNSTRUCTURED_GRID";
+        let line = self.tokens.needed_line(expected)?.to_owned();
+        if line.split_whitespace().eq(["DATASET", "UNSTRUCTURED_GRID"]) {
+            Ok(version)
+        } else {
+            Err(self.bad(&line, expected))
+        }
+    }
+
+    /// A count in a keyword's line, checked against the rest of the file at `bytes` each.
+    fn count(&self, word: &str, bytes: u64, what: &str) -> Result<usize, ReadError> {
+        let claimed = word
+            .parse()
+            .map_err(|_| self.bad(word, &format!("the number of {what}")))?;
+        let least = if self.binary { bytes } else { 1 };
+        self.tokens.source.count(claimed, least, what)
+    }
+
+    fn scalar(&self, word: &str) -> Result<Scalar, ReadError> {
+        Scalar::from_legacy(word).ok_or_else(|| self.bad(word, "a number type, such as double"))
+    }
+
+    fn reals(&mut self, scalar: Scalar, count: usize) -> Result<Vec<f64>, ReadError> {
+        if !self.binary {
+            let one = |_| self.tokens.double("a number");
+            return (0..count).map(one).collect();
+        }
+        let mut bytes = vec![0; count * scalar.size()];
+        self.tokens.source.exact(&mut bytes, "numbers")?;
+        let numbers = bytes.chunks_exact(scalar.size());
+        Ok(numbers.map(|b| scalar.real(b, true)).collect())
+    }
+
+    fn whole(&mut self, scalar: Scalar, count: usize) -> Result<Vec<i64>, ReadError> {
+        if !self.binary {
+            let one = |_| self.tokens.int("a whole number");
+            return (0..count).map(one).collect();
+        }
+        let mut bytes = vec![0; count * scalar.size()];
+        self.tokens.source.exact(&mut bytes, "whole numbers")?;
+        let numbers = bytes.chunks_exact(scalar.size());
+        Ok(numbers.map(|b| scalar.whole(b, true)).collect())
+    }
+
+    fn points(
+        &mut self,
+        count: &str,
+        scalar: &str,
+        collector: &mut Collector,
+    ) -> Result<(), ReadError> {
+        let scalar = self.scalar(scalar)?;
+        let count = self.count(count, 3 * scalar.size() as u64, "points")?;
+        let numbers = self.reals(scalar, 3 * count)?;
+        for (i, p) in numbers.chunks_exact(3).enumerate() {
+            collector.point(i as u64, [p[0], p[1], p[2]]);
+        }
+        Ok(())
+    }
+
+    /// Cells up to version 4: each one's length, then its nodes.
+    fn cells_by_length(
+        &mut self,
+        cells: &str,
+        total: &str,
+    ) -> Result<(Vec<i64>, Vec<i64>), ReadError> {
+        let cells = self.count(cells, 4, "cells")?;
+        let total = self.count(total, 4, "numbers of cells")?;
+        let numbers = self.whole(Scalar::I32, total)?;
+        let (mut ends, mut nodes) = (Vec::with_capacity(cells), Vec::new());
+        let mut rest = numbers.as_slice();
+        for cell in 0..cells {
+            let own = rest.split_first().and_then(|(&length, after)| {
+                Some(after.split_at_checked(usize::try_from(length).ok()?)?)
+            });
+            let Some((own, after)) = own else {
+                return Err(self.tokens.source.bad(
+                    format!("{total} numbers, too few from cell {cell} on"),
+                    format!("the nodes of {cells} cells"),
+                ));
+            };
+            nodes.extend_from_slice(own);
+            ends.push(nodes.len() as i64);
+            rest = after;
+        }
+        Ok((ends, nodes))
+    }
+
+    /// Cells of version 5: where each one's nodes start, then all nodes.
+    fn cells_by_offset(
+        &mut self,
+        offsets: &str,
+        total: &str,
+    ) -> Result<(Vec<i64>, Vec<i64>), ReadError> {
+        let offsets = self.count(offsets, 1, "cell offsets")?;
+        let total = self.count(total, 1, "numbers of cells")?;
+        let mut read = |keyword: &str, count: usize| {
+            let line = self.tokens.needed_line(keyword)?.to_owned();
+            match line.split_whitespace().collect::<Vec<_>>()[..] {
+                [word, scalar] if word == keyword => {
+                    let scalar = self.scalar(scalar)?;
+                    let bytes = scalar.size() as u64;
+                    let count = self.count(&count.to_string(), bytes, "numbers of cells")?;
+                    self.whole(scalar, count)
+                }
+                _ => Err(self.bad(&line, keyword)),
+            }
+        };
+        let mut ends = read("OFFSETS", offsets)?;
+        let nodes = read("CONNECTIVITY", total)?;
+        if !ends.is_empty() {
+            ends.remove(0);
+        }
+        Ok((ends, nodes))
+    }
+
+    /// Passes over lines up to a blank one.
+    fn metadata(&mut self) -> Result<(), ReadError> {
+        while let Some(line) = self.tokens.source.line()? {
+            if line.trim().is_empty() {
+                break;
+            }
+        }
+        Ok(())
+    }
+
+    /// Passes over arrays that belong to the file as a whole.
+    fn field(&mut self, arrays: &str) -> Result<(), ReadError> {
+        for _ in 0..self.count(arrays, 1, "arrays")? {
+            let expected = "name, components, tuples and type of an array";
+            let mut line = self.tokens.needed_line(expected)?.to_owned();
+            if line == "METADATA" {
+                self.metadata()?;
+                line = self.tokens.needed_line(expected)?.to_owned();
+            }
+            let words: Vec<&str> = line.split_whitespace().collect();
+            let [_, components, tuples, scalar] = words[..] else {
+                return Err(self.bad(&line, expected));
+            };
+            if scalar == "string" {
+                let e = self.bad(scalar, "an array of numbers");
+                return Err(e.with_hint("write the file without field data"));
+            }
+            let scalar = self.scalar(scalar)?;
+            let components = self.count(components, 1, "components")?;
+            let tuples = self.count(tuples, 1, "tuples")?;
+            let count = components.saturating_mul(tuples).to_string();
+            let count = self.count(&count, scalar.size() as u64, "numbers")?;
+            self.reals(scalar, count)?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,107 @@
+//! Scaffolds written as `.vtu` for a look in ParaView or pyvista: appended raw data, no compression.
+
+use crate::io::WriteError;
+use crate::io::atomic::AtomicFile;
+use crate::scaffold::Scaffold;
+use std::fmt::Write as _;
+use std::io::Write;
+use std::path::Path;
+
+/// Writes a scaffold with fields of one number per element; gives the bytes written. Coordinates are
+/// as they are: the format carries no unit.
+///
+/// # Errors
+/// When the file cannot be written, or a field's length is not the number of elements.
+pub fn write_vtu(
+    path: impl AsRef<Path>,
+    scaffold: &Scaffold,
+    fields: &[(&str, &[f64])],
+) -> Result<u64, WriteError> {
+    let path = path.as_ref();
+    if let Some((name, values)) = fields.iter().find(|f| f.1.len() != scaffold.len()) {
+        return Err(WriteError::Format {
+            path: path.to_owned(),
+            reason: format!(
+                "field {name:?} has {} values; expected one for each of {} elements",
+                values.len(),
+                scaffold.len()
+            ),
+        });
+    }
+    let elements = scaffold.connectivity();
+    let mut ends = Vec::with_capacity(elements.len());
+    let mut total = 0i64;
+    for e in 0..elements.len() {
+        total += elements.nodes(e).len() as i64;
+        ends.push(total);
+    }
+    let mut out = Sections::default();
+    let points: Vec<u8> = scaffold
+        .nodes()
+        .iter()
+        .flat_map(|p| [p.x, p.y, p.z])
+        .flat_map(f64::to_le_bytes)
+        .collect();
+    out.text.push_str("<Points>\n");
+    out.array("Points", "Float64", 3, points);
+    out.text.push_str("</Points>\n<Cells>\n");
+    let nodes = (0..elements.len()).flat_map(|e| elements.nodes(e));
+    let nodes = nodes.flat_map(|n| i64::from(*n).to_le_bytes()).collect();
+    out.array("connectivity", "Int64", 1, nodes);
+    let ends = ends.into_iter().flat_map(i64::to_le_bytes).collect();
+    out.array("offsets", "Int64", 1, ends);
+    let types = (0..elements.len()).map(|e| elements.kind(e).vtk_type());
+    out.array("types", "UInt8", 1, types.collect());
+    out.text.push_str("</Cells>\n<CellData>\n");
+    for (name, values) in fields {
+        let bytes = values.iter().flat_map(|v| v.to_le_bytes()).collect();
+        out.array(name, "Float64", 1, bytes);
+    }
+    out.text.push_str("</CellData>\n");
+
+    let mut file = AtomicFile::create(path)?;
+    let written = out.write(&mut file, scaffold.nodes().len(), elements.len());
+    match written {
+        Ok(()) => file.commit(),
+        Err(error) => Err(file.failed(error)),
+    }
+}
+
+/// The tags of arrays, and their data in order.
+#[derive(Default)]
+struct Sections {
+    text: String,
+    data: Vec<Vec<u8>>,
+    offset: u64,
+}
+
+impl Sections {
+    fn array(&mut self, name: &str, kind: &str, components: usize, data: Vec<u8>) {
+        let name = quick_xml::escape::escape(name);
+        // Writing to a string cannot fail.
+        let _ = writeln!(
+            self.text,
+            "<DataArray Name=\"{name}\" type=\"{kind}\" NumberOfComponents=\"{components}\" \
+             format=\"appended\" offset=\"{}\"/>",
+            self.offset
+        );
+        self.offset += 8 + data.len() as u64;
+        self.data.push(data);
+    }
+
+    fn write(&self, out: &mut impl Write, points: usize, cells: usize) -> std::io::Result<()> {
+        write!(
+            out,
+            "<?xml version=\"1.0\"?>\n<VTKFile type=\"UnstructuredGrid\" version=\"1.0\" \
+             byte_order=\"LittleEndian\" header_type=\"UInt64\">\n<UnstructuredGrid>\n\
+             <Piece NumberOfPoints=\"{points}\" NumberOfCells=\"{cells}\">\n{}</Piece>\n\
+             </UnstructuredGrid>\n<AppendedData encoding=\"raw\">\n_",
+            self.text
+        )?;
+        for data in &self.data {
+            out.write_all(&(data.len() as u64).to_le_bytes())?;
+            out.write_all(data)?;
+        }
+        out.write_all(b"\n</AppendedData>\n</VTKFile>\n")
+    }
+}

@@ -1,0 +1,378 @@
+//! XML `.vtu` files: text, base64, appended raw or base64, with or without zlib.
+
+mod data;
+
+use super::Cells;
+use super::array::Scalar;
+use crate::io::scaffold::{Collector, ScaffoldFile};
+use crate::io::{Place, ReadError, Source, quote};
+use data::{Appended, Format};
+use quick_xml::Reader;
+use quick_xml::events::{BytesStart, Event};
+use std::borrow::Cow;
+use std::path::Path;
+
+/// Reads a `.vtu` file.
+///
+/// # Errors
+/// When it cannot be read, is damaged, is no unstructured grid, or holds solids of other kinds.
+pub fn read(path: &Path) -> Result<ScaffoldFile, ReadError> {
+    let mut source = Source::open(path)?;
+    if source.size() == u64::MAX {
+        return Err(ReadError::data(path, Place::File, "a pipe", "a file"));
+    }
+    let mut bytes = vec![0; source.size() as usize];
+    source.exact(&mut bytes, "an XML file")?;
+    let (text, appended) = Appended::split(&bytes);
+    let mut document = Document {
+        path,
+        text,
+        appended,
+        format: Format::default(),
+        collector: Collector::new(path),
+        points: 0,
+        cells: 0,
+    };
+    document.walk()?;
+    document.collector.finish(|_| None)
+}
+
+/// A `DataArray`: what its tag says, and the text inside.
+struct Array<'a> {
+    name: String,
+    scalar: Scalar,
+    components: u64,
+    form: Form,
+    text: Vec<&'a [u8]>,
+    byte: u64,
+}
+
+#[derive(Clone, Copy, PartialEq)]
+enum Form {
+    Text,
+    Inline,
+    Appended(u64),
+}
+
+/// A piece of the grid as far as it has been read.
+#[derive(Default)]
+struct Piece {
+    points: u64,
+    cells: u64,
+    coordinates: Option<Vec<f64>>,
+    nodes: Option<Vec<i64>>,
+    ends: Option<Vec<i64>>,
+    types: Option<Vec<i64>>,
+}
+
+struct Document<'a> {
+    path: &'a Path,
+    /// The XML before any appended data.
+    text: &'a [u8],
+    appended: Option<Appended<'a>>,
+    format: Format,
+    collector: Collector<'a>,
+    /// Points and cells of the pieces before.
+    points: u64,
+    cells: u64,
+}
+
+impl<'a> Document<'a> {
+    fn walk(&mut self) -> Result<(), ReadError> {
+        let mut reader = Reader::from_reader(self.text);
+        reader.config_mut().check_end_names = true;
+        let mut open: Vec<String> = Vec::new();
+        let mut piece: Option<Piece> = None;
+        let mut array: Option<Array<'a>> = None;
+        loop {
+            let byte = reader.buffer_position();
+            let event = reader.read_event().map_err(|e| {
+                self.bad(
+                    reader.error_position(),
+                    format!("broken XML ({e})"),
+                    "well-formed XML",
+                )
+            })?;
+            match event {
+                Event::Start(tag) => {
+                    let name = text_of(tag.name().as_ref());
+                    self.start(&name, &tag, &open, byte, &mut piece, &mut array)?;
+                    open.push(name);
+                }
+                Event::Empty(tag) => {
+                    let name = text_of(tag.name().as_ref());
+                    self.start(&name, &tag, &open, byte, &mut piece, &mut array)?;
+                    self.end(&name, &open, &mut piece, &mut array)?;
+                }
+                Event::End(_) => {
+                    // The reader has checked that it matches.
+                    let name = open.pop().unwrap_or_default();
+                    self.end(&name, &open, &mut piece, &mut array)?;
+                }
+                Event::Text(text) => {
+                    let inside = open.last().is_some_and(|n| n == "DataArray");
+                    if let (Some(array), true, Cow::Borrowed(text)) =
+                        (&mut array, inside, text.into_inner())
+                    {
+                        array.text.push(text);
+                    }
+                }
+                Event::Eof => break,
+                _ => {}
+            }
+        }
+        // Appended data were cut off inside the root element.
+        let depth = usize::from(self.appended.is_some());
+        if !self.format.known {
+            return Err(self.bad(0, "no VTKFile element".into(), "a VTK XML file"));
+        }
+        if let Some(inside) = open.get(depth) {
+            let end = self.text.len() as u64;
+            let e = self.bad(end, format!("the end inside <{inside}>"), "its end tag");
+            return Err(e.with_hint("the file looks truncated"));
+        }
+        Ok(())
+    }
+
+    fn start(
+        &mut self,
+        name: &str,
+        tag: &BytesStart,
+        open: &[String],
+        byte: u64,
+        piece: &mut Option<Piece>,
+        array: &mut Option<Array<'a>>,
+    ) -> Result<(), ReadError> {
+        let parent = open.last().map_or("", String::as_str);
+        match (parent, name) {
+            ("", "VTKFile") => {
+                let grid = attribute(tag, "type").unwrap_or_default();
+                if grid != "UnstructuredGrid" {
+                    let found = format!("a VTK file of type {}", quote(&grid));
+                    return Err(self.bad(byte, found, "UnstructuredGrid"));
+                }
+                self.format = Format::of(
+                    attribute(tag, "byte_order").as_deref(),
+                    attribute(tag, "header_type").as_deref(),
+                    attribute(tag, "compressor").as_deref(),
+                )
+                .map_err(|(found, expected)| {
+                    self.bad(byte, found, expected)
+                        .with_hint("write the file again with zlib or without compression")
+                })?;
+            }
+            ("", other) => {
+                return Err(self.bad(byte, format!("the element <{other}>"), "<VTKFile>"));
+            }
+            ("UnstructuredGrid", "Piece") => {
+                *piece = Some(Piece {
+                    points: self.number(tag, "NumberOfPoints", byte)?,
+                    cells: self.number(tag, "NumberOfCells", byte)?,
+                    ..Piece::default()
+                });
+            }
+            ("Points" | "Cells", "DataArray") => *array = Some(self.array(tag, byte)?),
+            _ => {}
+        }
+        Ok(())
+    }
+
+    fn end(
+        &mut self,
+        name: &str,
+        open: &[String],
+        piece: &mut Option<Piece>,
+        array: &mut Option<Array<'a>>,
+    ) -> Result<(), ReadError> {
+        match name {
+            "DataArray" => {
+                let parent = open.last().map_or("", String::as_str);
+                if let (Some(array), Some(piece)) = (array.take(), piece) {
+                    self.fill(piece, parent, &array)?;
+                }
+            }
+            "Piece" => {
+                if let Some(piece) = piece.take() {
+                    self.finish_piece(piece)?;
+                }
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+
+    fn array(&self, tag: &BytesStart, byte: u64) -> Result<Array<'a>, ReadError> {
+        let name = attribute(tag, "Name").unwrap_or_default();
+        let kind = attribute(tag, "type").unwrap_or_default();
+        let scalar = Scalar::from_xml(&kind).ok_or_else(|| {
+            self.bad(
+                byte,
+                format!("the number type {}", quote(&kind)),
+                "one such as Float64",
+            )
+        })?;
+        let form = match attribute(tag, "format").as_deref() {
+            Some("ascii") | None => Form::Text,
+            Some("binary") => Form::Inline,
+            Some("appended") => Form::Appended(self.number(tag, "offset", byte)?),
+            Some(other) => {
+                let found = format!("the format {}", quote(other));
+                return Err(self.bad(byte, found, "ascii, binary or appended"));
+            }
+        };
+        let components = match attribute(tag, "NumberOfComponents") {
+            None => 1,
+            Some(_) => self.number(tag, "NumberOfComponents", byte)?,
+        };
+        Ok(Array {
+            name,
+            scalar,
+            components,
+            form,
+            text: Vec::new(),
+            byte,
+        })
+    }
+
+    fn number(&self, tag: &BytesStart, name: &str, byte: u64) -> Result<u64, ReadError> {
+        let value = attribute(tag, name).unwrap_or_default();
+        value.trim().parse().map_err(|_| {
+            let found = format!("{name}={}", quote(&value));
+            self.bad(byte, found, "a whole number")
+        })
+    }
+
+    fn fill(&self, piece: &mut Piece, parent: &str, array: &Array) -> Result<(), ReadError> {
+        if parent == "Points" {
+            if array.components != 3 {
+                let found = format!("points of {} components", array.components);
+                return Err(self.bad(array.byte, found, "3 components"));
+            }
+            let parse = |w: &str| w.parse().ok();
+            piece.coordinates = Some(self.decode(array, parse, Scalar::real)?);
+            return Ok(());
+        }
+        let target = match array.name.as_str() {
+            "connectivity" => &mut piece.nodes,
+            "offsets" => &mut piece.ends,
+            "types" => &mut piece.types,
+            _ => return Ok(()),
+        };
+        if array.scalar.is_float() {
+            let found = format!("{} as numbers with fractions", array.name);
+            return Err(self.bad(array.byte, found, "whole numbers"));
+        }
+        *target = Some(self.decode(array, |w| w.parse().ok(), Scalar::whole)?);
+        Ok(())
+    }
+
+    fn decode<T>(
+        &self,
+        array: &Array,
+        parse: impl Fn(&str) -> Option<T>,
+        value: impl Fn(Scalar, &[u8], bool) -> T,
+    ) -> Result<Vec<T>, ReadError> {
+        let what = quote(&array.name);
+        let bytes = match array.form {
+            Form::Text => {
+                let mut numbers = Vec::new();
+                for word in array
+                    .text
+                    .iter()
+                    .flat_map(|t| t.split(u8::is_ascii_whitespace))
+                {
+                    if word.is_empty() {
+                        continue;
+                    }
+                    let word = text_of(word);
+                    numbers.push(parse(&word).ok_or_else(|| {
+                        self.bad(
+                            array.byte,
+                            format!("{} in array {what}", quote(&word)),
+                            "a number",
+                        )
+                    })?);
+                }
+                return Ok(numbers);
+            }
+            Form::Inline => self.format.inline(&array.text.concat()),
+            Form::Appended(offset) => match &self.appended {
+                Some(a) => self.format.appended(a, offset),
+                None => Err("an offset without appended data".into()),
+            },
+        };
+        let bytes = bytes.map_err(|found| {
+            self.bad(
+                array.byte,
+                format!("array {what}: {found}"),
+                "undamaged data",
+            )
+        })?;
+        let size = array.scalar.size();
+        if bytes.len() % size != 0 {
+            let found = format!("array {what} of {} bytes", bytes.len());
+            return Err(self.bad(array.byte, found, format!("numbers of {size} bytes")));
+        }
+        let numbers = bytes.chunks_exact(size);
+        Ok(numbers
+            .map(|b| value(array.scalar, b, self.format.big_endian))
+            .collect())
+    }
+
+    fn finish_piece(&mut self, piece: Piece) -> Result<(), ReadError> {
+        let missing = |what: &str| {
+            ReadError::data(
+                self.path,
+                Place::File,
+                format!("a piece without {what}"),
+                what,
+            )
+        };
+        let coordinates = piece.coordinates.unwrap_or_default();
+        if coordinates.len() as u64 != piece.points.saturating_mul(3) {
+            let found = format!("{} coordinates", coordinates.len());
+            let expected = format!("3 for each of {} points", piece.points);
+            return Err(ReadError::data(self.path, Place::File, found, expected));
+        }
+        if piece.cells > 0 {
+            let (nodes, ends, types) = (
+                piece.nodes.ok_or_else(|| missing("connectivity"))?,
+                piece.ends.ok_or_else(|| missing("offsets"))?,
+                piece.types.ok_or_else(|| missing("types"))?,
+            );
+            if ends.len() as u64 != piece.cells || types.len() as u64 != piece.cells {
+                let found = format!("{} offsets and {} types", ends.len(), types.len());
+                let expected = format!("one for each of {} cells", piece.cells);
+                return Err(ReadError::data(self.path, Place::File, found, expected));
+            }
+            let cells = Cells {
+                types: &types,
+                ends: &ends,
+                nodes: &nodes,
+            };
+            cells.collect(self.path, self.points, self.cells, &mut self.collector)?;
+        }
+        for p in coordinates.chunks_exact(3) {
+            self.collector.point(self.points, [p[0], p[1], p[2]]);
+            self.points += 1;
+        }
+        self.cells += piece.cells;
+        Ok(())
+    }
+
+    fn bad(&self, byte: u64, found: String, expected: impl Into<String>) -> ReadError {
+        ReadError::data(self.path, Place::Byte(byte), found, expected)
+    }
+}
+
+fn text_of(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+fn attribute(tag: &BytesStart, name: &str) -> Option<String> {
+    let found = tag
+        .attributes()
+        .flatten()
+        .find(|a| a.key.as_ref() == name.as_bytes())?;
+    Some(text_of(&found.value))
+}
