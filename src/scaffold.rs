@@ -20,6 +20,7 @@
 //! assert_eq!(s.element(1).map(CellPoint(Vec3::zeros())).0, Vec3::new(1.5, 0.5, 0.5));
 //! ```
 
+mod basis;
 mod bernstein;
 mod boundary;
 mod cell_box;

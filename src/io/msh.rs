@@ -186,12 +186,9 @@ impl File<'_> {
     fn physical_names(&mut self) -> Result<(), ReadError> {
         let expected = "the number of physical names";
         let line = self.tokens.needed_line(expected)?;
-        let count: u64 = match line.parse() {
-            Ok(count) => count,
-            Err(_) => {
-                let found = quote(line);
-                return Err(self.text_error(found, expected));
-            }
+        let Ok(count) = line.parse::<u64>() else {
+            let found = quote(line);
+            return Err(self.text_error(found, expected));
         };
         for _ in 0..count {
             let expected = "dimension, number and \"name\" of a physical group";

@@ -78,13 +78,11 @@ impl Tokens {
 
     fn parse<T: std::str::FromStr>(&mut self, what: &str) -> Result<T, ReadError> {
         let word = self.word(what)?;
-        match word.parse() {
-            Ok(value) => Ok(value),
-            Err(_) => {
-                let found = quote(word);
-                Err(self.source.bad(found, what))
-            }
+        if let Ok(value) = word.parse() {
+            return Ok(value);
         }
+        let found = quote(word);
+        Err(self.source.bad(found, what))
     }
 
     fn binary<const N: usize>(&mut self, what: &str) -> Result<[u8; N], ReadError> {

@@ -4,8 +4,9 @@
 //! affine within 1e-12 of their size (every Tet4, straight Tet10, parallelepipeds) take a closed
 //! form; the others invert F by damped Newton steps.
 
+use super::basis::Basis;
 use super::bernstein::{Net, Part, lattice};
-use super::kind::{Basis, Family, Kind};
+use super::kind::{Family, Kind};
 use crate::frame::{Aabb, CellPoint, Element, Mat3, Vec3, WorldPoint};
 
 /// How far beyond the reference cell an inverse may lie: |xi| on an axis, where the cell ends at

@@ -4,7 +4,7 @@
 //! again with `DRUSE_MALFORMED` set: there peak memory is that of the reader alone.
 
 use druse::frame::{LengthUnit, Vec3};
-use druse::io::{ErrorClass, ReadError, read_mesh, write_mesh};
+use druse::io::{ErrorClass, ReadError, read_mesh, read_scaffold, write_mesh};
 use druse::mesh::TriMesh;
 use std::fs;
 use std::io::{Read, Write};
@@ -72,6 +72,17 @@ fn text_ply() -> Vec<u8> {
     out.into()
 }
 
+fn scaffold(path: &Path) -> Result<(), ReadError> {
+    read_scaffold(path).map(|_| ())
+}
+
+/// Files of the scaffolds' test data.
+fn stored(names: &[&str]) -> Vec<Vec<u8>> {
+    let directory = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/scaffold");
+    let read = |n: &&str| fs::read(directory.join(n)).unwrap();
+    names.iter().map(read).collect()
+}
+
 /// Damage done to the XML within a 3MF rather than to the archive, whose checksum would notice.
 fn threemf_model(path: &Path) -> Result<(), ReadError> {
     let model = fs::read(path).unwrap();
@@ -111,6 +122,42 @@ fn formats() -> Vec<Format> {
             "3mf",
             vec![model_of(written("3mf"))],
             threemf_model,
+        ),
+        row(
+            "msh text",
+            "msh",
+            stored(&["hex8_22_ascii.msh", "hex20_41_ascii.msh"]),
+            scaffold,
+        ),
+        row(
+            "msh binary",
+            "msh",
+            stored(&["hex8_22_binary.msh", "hex20_41_binary.msh"]),
+            scaffold,
+        ),
+        row(
+            "vtk text",
+            "vtk",
+            stored(&["hex8_ascii.vtk", "hex8_51_ascii.vtk"]),
+            scaffold,
+        ),
+        row(
+            "vtk binary",
+            "vtk",
+            stored(&["hex8_binary.vtk", "hex8_51_binary.vtk"]),
+            scaffold,
+        ),
+        row(
+            "vtu",
+            "vtu",
+            stored(&["hex8_text.vtu", "hex8_zlib.vtu", "hex8_base64.vtu"]),
+            scaffold,
+        ),
+        row(
+            "vtu appended",
+            "vtu",
+            stored(&["hex8_appended_raw.vtu", "hex8_appended_base64.vtu"]),
+            scaffold,
         ),
     ]
 }

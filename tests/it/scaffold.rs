@@ -1,6 +1,7 @@
 //! Laws of `scaffold`: maps against independent numbers, bounds against dense samples, meshes
 //! against what was built into them.
 
+mod cost;
 mod defects;
 mod files;
 

@@ -92,11 +92,9 @@ fn element(file: &mut File, [number, code]: [u64; 2], tags: u64) -> Result<(), R
 
 fn count_line(file: &mut File, what: &str) -> Result<u64, ReadError> {
     let line = file.tokens.needed_line(what)?;
-    match line.parse() {
-        Ok(count) => Ok(count),
-        Err(_) => {
-            let found = crate::io::quote(line);
-            Err(file.text_error(found, what))
-        }
+    if let Ok(count) = line.parse() {
+        return Ok(count);
     }
+    let found = crate::io::quote(line);
+    Err(file.text_error(found, what))
 }

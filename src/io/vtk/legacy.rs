@@ -157,9 +157,9 @@ impl File {
         let (mut ends, mut nodes) = (Vec::with_capacity(cells), Vec::new());
         let mut rest = numbers.as_slice();
         for cell in 0..cells {
-            let own = rest.split_first().and_then(|(&length, after)| {
-                Some(after.split_at_checked(usize::try_from(length).ok()?)?)
-            });
+            let own = rest
+                .split_first()
+                .and_then(|(&length, after)| after.split_at_checked(usize::try_from(length).ok()?));
             let Some((own, after)) = own else {
                 return Err(self.tokens.source.bad(
                     format!("{total} numbers, too few from cell {cell} on"),
@@ -218,7 +218,7 @@ impl File {
             let mut line = self.tokens.needed_line(expected)?.to_owned();
             if line == "METADATA" {
                 self.metadata()?;
-                line = self.tokens.needed_line(expected)?.to_owned();
+                self.tokens.needed_line(expected)?.clone_into(&mut line);
             }
             let words: Vec<&str> = line.split_whitespace().collect();
             let [_, components, tuples, scalar] = words[..] else {

@@ -89,7 +89,7 @@ impl<'a> Document<'a> {
             let event = reader.read_event().map_err(|e| {
                 self.bad(
                     reader.error_position(),
-                    format!("broken XML ({e})"),
+                    format!("broken XML ({})", one_line(&e.to_string())),
                     "well-formed XML",
                 )
             })?;
@@ -363,6 +363,12 @@ impl<'a> Document<'a> {
     fn bad(&self, byte: u64, found: String, expected: impl Into<String>) -> ReadError {
         ReadError::data(self.path, Place::Byte(byte), found, expected)
     }
+}
+
+/// At most 120 characters, without line breaks.
+fn one_line(text: &str) -> String {
+    let words: Vec<&str> = text.split_whitespace().collect();
+    words.join(" ").chars().take(120).collect()
 }
 
 fn text_of(bytes: &[u8]) -> String {

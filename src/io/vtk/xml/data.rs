@@ -99,12 +99,12 @@ impl Format {
     }
 
     /// The bytes of an array from the base64 text in its element.
-    pub fn inline(&self, text: &[u8]) -> Result<Vec<u8>, Damage> {
+    pub fn inline(self, text: &[u8]) -> Result<Vec<u8>, Damage> {
         self.unpack(&base64(text)?)
     }
 
     /// The bytes of an array in the appended data.
-    pub fn appended(&self, appended: &Appended, offset: u64) -> Result<Vec<u8>, Damage> {
+    pub fn appended(self, appended: &Appended, offset: u64) -> Result<Vec<u8>, Damage> {
         let data = usize::try_from(offset)
             .ok()
             .and_then(|at| appended.data.get(at..))
@@ -114,7 +114,7 @@ impl Format {
         }
         // Other arrays follow without a mark: decode what the header asks for.
         let head = self.header.size();
-        let first = base64(&data[..data.len().min(4 * head)])?;
+        let first = base64(&data[..data.len().min(encoded(head))])?;
         let text = if self.zlib {
             // The header is encoded by itself; then come the blocks.
             let blocks = self.count(&first, 0)?;
@@ -133,7 +133,7 @@ impl Format {
     }
 
     /// Header number `i` as a count.
-    fn count(&self, data: &[u8], i: usize) -> Result<usize, Damage> {
+    fn count(self, data: &[u8], i: usize) -> Result<usize, Damage> {
         let size = self.header.size();
         let bytes = i
             .checked_mul(size)
@@ -143,7 +143,7 @@ impl Format {
             .map_err(|_| "a header beyond all sizes".into())
     }
 
-    fn unpack(&self, data: &[u8]) -> Result<Vec<u8>, Damage> {
+    fn unpack(self, data: &[u8]) -> Result<Vec<u8>, Damage> {
         let head = self.header.size();
         if data.is_empty() {
             return Ok(Vec::new());

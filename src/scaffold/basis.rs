@@ -1,0 +1,88 @@
+//! The Bernstein basis of a kind at one point: what maps and Jacobians are summed from.
+
+use super::kind::{Family, Kind};
+use crate::frame::Vec3;
+
+/// Values and derivatives by r, in the order of the control points; zero beyond them.
+pub(super) struct Basis {
+    pub values: [f64; 27],
+    pub slopes: [[f64; 27]; 3],
+}
+
+impl Basis {
+    pub fn at(kind: Kind, r: Vec3) -> Self {
+        let mut basis = Self {
+            values: [0.0; 27],
+            slopes: [[0.0; 27]; 3],
+        };
+        match (kind.family(), kind.degree()) {
+            (Family::Simplex, 1) => {
+                basis.values[..4].copy_from_slice(&[1.0 - r.x - r.y - r.z, r.x, r.y, r.z]);
+                for a in 0..3 {
+                    basis.slopes[a][0] = -1.0;
+                    basis.slopes[a][a + 1] = 1.0;
+                }
+            }
+            (Family::Simplex, _) => basis.quadratic_simplex(r),
+            (Family::Tensor, n) => basis.tensor(n, r),
+        }
+        basis
+    }
+
+    fn quadratic_simplex(&mut self, r: Vec3) {
+        // Barycentric pairs in lattice order: the basis is l_a^2 or 2 l_a l_b.
+        const PAIRS: [[usize; 2]; 10] = [
+            [0, 0],
+            [0, 1],
+            [1, 1],
+            [0, 2],
+            [1, 2],
+            [2, 2],
+            [0, 3],
+            [1, 3],
+            [2, 3],
+            [3, 3],
+        ];
+        let l = [1.0 - r.x - r.y - r.z, r.x, r.y, r.z];
+        for (i, [a, b]) in PAIRS.into_iter().enumerate() {
+            let m = if a == b { 1.0 } else { 2.0 };
+            self.values[i] = m * l[a] * l[b];
+            for axis in 0..3 {
+                let slope = |v: usize| match v {
+                    0 => -1.0,
+                    v if v == axis + 1 => 1.0,
+                    _ => 0.0,
+                };
+                self.slopes[axis][i] = m * (slope(a) * l[b] + l[a] * slope(b));
+            }
+        }
+    }
+
+    fn tensor(&mut self, n: usize, r: Vec3) {
+        let line = |t: f64| {
+            let s = 1.0 - t;
+            if n == 1 {
+                ([s, t, 0.0], [-1.0, 1.0, 0.0])
+            } else {
+                (
+                    [s * s, 2.0 * s * t, t * t],
+                    [-2.0 * s, 2.0 * (s - t), 2.0 * t],
+                )
+            }
+        };
+        let [(x, dx), (y, dy), (z, dz)] = [line(r.x), line(r.y), line(r.z)];
+        let mut at = 0;
+        for k in 0..=n {
+            for j in 0..=n {
+                let (yz, dyz, ydz) = (y[j] * z[k], dy[j] * z[k], y[j] * dz[k]);
+                for i in 0..=n {
+                    self.values[at] = x[i] * yz;
+                    self.slopes[0][at] = dx[i] * yz;
+                    self.slopes[1][at] = x[i] * dyz;
+                    self.slopes[2][at] = x[i] * ydz;
+                    at += 1;
+                }
+            }
+        }
+    }
+}
