@@ -165,26 +165,6 @@ impl<T: Coefficient> Net<T> {
             .collect()
     }
 
-    /// The derivative by a parametric coordinate; cubes keep the degree on the other axes.
-    pub fn derivative(&self, axis: usize) -> Vec<T> {
-        let n = self.degree;
-        let c = &self.coefficients;
-        let up = |p: [usize; 3], a: usize| {
-            let mut q = p;
-            q[a] += 1;
-            index(self.family, n, q)
-        };
-        match self.family {
-            Family::Simplex => lattice(self.family, n - 1)
-                .map(|p| (c[up(p, axis)] - c[index(self.family, n, p)]) * n as f64)
-                .collect(),
-            Family::Tensor => lattice(self.family, n)
-                .filter(|p| p[axis] < n)
-                .map(|p| (c[up(p, axis)] - c[index(self.family, n, p)]) * n as f64)
-                .collect(),
-        }
-    }
-
     /// Both halves of the polynomial, each over its half of the cell as a cell of its own: cut
     /// across an axis of the cube, or in the middle of an edge of the simplex.
     pub fn split(&self, way: usize) -> [Self; 2] {

@@ -118,7 +118,9 @@ fn of_part(
     let Some((inner, settled)) = contract(c, domain, bend_bounds, world) else {
         return;
     };
-    if settled || depth == DEPTH {
+    // What others have covered already needs no closer look.
+    let covered = (0..3).all(|a| found.min[a] <= inner.min[a] && inner.max[a] <= found.max[a]);
+    if settled || covered || depth == DEPTH {
         found.min = found.min.inf(&inner.min);
         found.max = found.max.sup(&inner.max);
         return;
@@ -208,15 +210,15 @@ fn contract(
         }
         let shrunk = (0..3).any(|a| next.max[a] - next.min[a] < 1.5 * radius[a]);
         inner = next;
-        // The remainder adds less than a quarter to the linear preimage.
+        // How much the remainder adds to the linear preimage.
         let linear = y.abs() * half.add_scalar(rounding);
         let excess = y.abs() * rest;
-        let settled = (0..3).all(|a| excess[a] <= 0.25 * linear[a] + 1e-9);
-        if settled {
+        let adds = |share: f64| (0..3).all(|a| excess[a] <= share * linear[a] + 1e-9);
+        if adds(0.25) {
             return Some((inner, true));
         }
         if !shrunk {
-            return Some((inner, false));
+            return Some((inner, adds(1.0)));
         }
     }
     Some((inner, false))

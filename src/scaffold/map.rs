@@ -5,7 +5,7 @@
 //! form; the others invert F by damped Newton steps.
 
 use super::basis::Basis;
-use super::bernstein::{Net, Part, lattice};
+use super::bernstein::{Net, Part, index, lattice};
 use super::kind::{Family, Kind};
 use crate::frame::{Aabb, CellPoint, Element, Mat3, Vec3, WorldPoint};
 
@@ -60,9 +60,12 @@ pub(super) struct Curved {
     pub net: Net<Vec3>,
     /// Bounds of the second derivatives of F by xi over the cell, per component; as in [`PAIRS`].
     pub bend: [Vec3; 6],
-    /// Inverse Jacobian at the centre, to start Newton's steps.
-    start: Mat3,
+    /// The point, the Jacobian and its inverse at the centre, to start Newton's steps.
     origin: Vec3,
+    centre: Mat3,
+    start: Mat3,
+    /// Derivatives of the Jacobian by xi, constant for a map of degree 2.
+    turn: Option<[Mat3; 3]>,
 }
 
 /// Index pairs of a symmetric second derivative.
@@ -133,17 +136,35 @@ impl Curved {
             kind,
             net,
             bend,
-            start: Mat3::identity(),
             origin: Vec3::zeros(),
+            centre: Mat3::identity(),
+            start: Mat3::identity(),
+            turn: None,
         };
-        let (x, j) = curved.evaluate(CellPoint(Vec3::zeros()));
-        curved.origin = x;
-        curved.start = j.try_inverse().unwrap_or_else(Mat3::zeros);
+        (curved.origin, curved.centre) = curved.sum(CellPoint(Vec3::zeros()));
+        curved.start = curved.centre.try_inverse().unwrap_or_else(Mat3::zeros);
+        if curved.net.family == Family::Simplex && curved.net.degree == 2 {
+            curved.turn = Some([0, 1, 2].map(|k| {
+                // Over the width of the cell, for the sake of the last digits.
+                let at = |s: f64| curved.sum(CellPoint(Vec3::ith(k, s))).1;
+                at(0.5) - at(-0.5)
+            }));
+        }
         curved
     }
 
     /// The point and the Jacobian dx/dxi.
     pub fn evaluate(&self, xi: CellPoint<3>) -> (Vec3, Mat3) {
+        let Some([a, b, c]) = &self.turn else {
+            return self.sum(xi);
+        };
+        let turned = a * xi.0.x + b * xi.0.y + c * xi.0.z;
+        let x = self.origin + (self.centre + turned * 0.5) * xi.0;
+        (x, self.centre + turned)
+    }
+
+    /// As [`Self::evaluate`], from the control points.
+    fn sum(&self, xi: CellPoint<3>) -> (Vec3, Mat3) {
         let basis = Basis::at(self.kind, self.kind.parameters(xi));
         let mut x = Vec3::zeros();
         let mut columns = [Vec3::zeros(); 3];
@@ -248,58 +269,64 @@ impl Curved {
     }
 }
 
-/// Bounds of the second derivatives over the cell whose control points these are.
+/// Bounds of the second derivatives over the cell whose control points these are: the greatest
+/// second differences, which are their Bernstein coefficients.
 pub(super) fn bend(kind: Kind, net: &Net<Vec3>) -> [Vec3; 6] {
-    let first = |axis| Net {
-        coefficients: net.derivative(axis),
-        ..*net
-    };
     match net.family {
-        Family::Tensor => {
-            let sampled = |axis: usize| {
-                Net::of(net.family, net.degree, |r| {
-                    let basis = Basis::at(kind, r);
-                    let mut slope = Vec3::zeros();
-                    for (c, w) in net.coefficients.iter().zip(basis.slopes[axis]) {
-                        slope += c * w;
-                    }
-                    slope
-                })
-            };
-            let slopes = [sampled(0), sampled(1), sampled(2)];
-            PAIRS.map(|[j, k]| supremum(&slopes[j].derivative(k)))
-        }
+        Family::Tensor => PAIRS.map(|[j, k]| supremum(second(net, j, k))),
         Family::Simplex => {
-            let n = net.degree;
-            let second = |j: usize, k: usize| {
-                let slope = Net {
-                    degree: n - 1,
-                    ..first(j)
-                };
-                slope.derivative(k)
-            };
-            let by_r: [[Vec<Vec3>; 3]; 3] = [0, 1, 2].map(|j| [0, 1, 2].map(|k| second(j, k)));
             let t = kind.parameters_by_cell();
+            let by_r: [[Vec<Vec3>; 3]; 3] =
+                [0, 1, 2].map(|a| [0, 1, 2].map(|b| second(net, a, b).collect()));
             PAIRS.map(|[j, k]| {
-                let combined: Vec<Vec3> = (0..by_r[0][0].len())
-                    .map(|i| {
-                        let mut s = Vec3::zeros();
-                        for a in 0..3 {
-                            for b in 0..3 {
-                                s += by_r[a][b][i] * (t[(a, j)] * t[(b, k)]);
-                            }
+                supremum((0..by_r[0][0].len()).map(|i| {
+                    let mut s = Vec3::zeros();
+                    for a in 0..3 {
+                        for b in 0..3 {
+                            s += by_r[a][b][i] * (t[(a, j)] * t[(b, k)]);
                         }
-                        s
-                    })
-                    .collect();
-                supremum(&combined)
+                    }
+                    s
+                }))
             })
         }
     }
 }
 
-fn supremum(vectors: &[Vec3]) -> Vec3 {
-    vectors.iter().fold(Vec3::zeros(), |m, v| m.sup(&v.abs()))
+/// Bernstein coefficients of the second derivative by parameters j and k; on cubes of a lower
+/// degree along them.
+fn second(net: &Net<Vec3>, j: usize, k: usize) -> impl Iterator<Item = Vec3> + '_ {
+    let n = net.degree;
+    let (family, c) = (net.family, &net.coefficients);
+    // The factor of a second step along the same axis, and in a simplex along any.
+    let scale = if j == k || family == Family::Simplex {
+        n * (n - 1)
+    } else {
+        n * n
+    };
+    let fits = move |p: &[usize; 3]| {
+        let mut q = *p;
+        q[j] += 1;
+        q[k] += 1;
+        match family {
+            Family::Simplex => q.iter().sum::<usize>() <= n,
+            Family::Tensor => q[j] <= n && q[k] <= n,
+        }
+    };
+    lattice(family, n).filter(fits).map(move |p| {
+        let at = |dj: usize, dk: usize| {
+            let mut q = p;
+            q[j] += dj;
+            q[k] += dk;
+            c[index(family, n, q)]
+        };
+        (at(1, 1) - at(1, 0) - at(0, 1) + at(0, 0)) * scale as f64
+    })
+}
+
+fn supremum(mut vectors: impl Iterator<Item = Vec3>) -> Vec3 {
+    let first = vectors.next().unwrap_or_default().abs();
+    vectors.fold(first, |m, v| m.sup(&v.abs()))
 }
 
 /// One element of a scaffold: its map between the cell frame and the world.

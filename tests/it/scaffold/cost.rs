@@ -67,10 +67,10 @@ fn cell_boxes_of_small_world_boxes_are_tight_and_cheap() {
             ratio += (found.max - found.min).amax() / (linear.max - linear.min).amax();
         }
         ratio /= calls as f64;
-        assert!(ratio < 1.3, "{kind:?}: {ratio}");
+        assert!(ratio < 1.5, "{kind:?}: {ratio}");
         if long {
             println!(
-                "figure: {} cell box over linear preimage | {ratio:.3} | 1.3",
+                "figure: {} cell box over linear preimage | {ratio:.3} | 1.5",
                 kind.name()
             );
         }

@@ -136,6 +136,21 @@ fn damaged_vtu_files_are_refused() {
 }
 
 #[test]
+fn the_bracket_is_a_sound_scaffold() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/bracket/bracket.msh");
+    let s = read_scaffold(path).unwrap().scaffold;
+    let report = s.validate().unwrap();
+    assert_eq!(report.kinds, [(Kind::Tet10, 2711)]);
+    assert_eq!((report.components, report.warnings()), (1, Vec::new()));
+    // Its mid nodes were moved by an elastic analogy: no element is quite straight.
+    assert_eq!(report.curved, 2711);
+    let boundary = s.boundary(0, 0.01);
+    assert!(super::is_closed(&boundary.mesh));
+    let gap = (boundary.mesh.volume() / report.volume - 1.0).abs();
+    assert!(gap < 1e-4, "{gap}");
+}
+
+#[test]
 fn physical_volumes_become_groups() {
     for (name, group) in [("tet10", "shell"), ("hex8", "part \"one\"")] {
         // Saving all elements to 2.2 leaves the groups out: that is what 22_binary is.
