@@ -308,7 +308,9 @@ mod tests {
         let points = points(20_000);
         let bvh = Bvh::new(points.len(), |i| Aabb::of([points[i]]));
         let mut seen = vec![false; points.len()];
-        bvh.order().iter().for_each(|&i| seen[i as usize] = true);
+        for &i in bvh.order() {
+            seen[i as usize] = true;
+        }
         assert!(seen.iter().all(|&s| s));
         for q in points.iter().step_by(997).map(|p| p * 1.3) {
             let mut found = f64::INFINITY;

@@ -190,9 +190,9 @@ fn ply(format: &str) -> Vec<u8> {
     let square = [(0.0, 0.0), (2.0, 0.0), (2.0, 2.0), (0.0, 2.0)];
     if format == "ascii" {
         out.extend(b"0\n2 7 8\n");
-        square
-            .iter()
-            .for_each(|(x, y)| out.extend(format!("255 {x} {y} 3\n").bytes()));
+        for (x, y) in square {
+            out.extend(format!("255 {x} {y} 3\n").bytes());
+        }
         out.extend(b"0.5 4 0 1 2 3");
         return out;
     }
@@ -206,7 +206,9 @@ fn ply(format: &str) -> Vec<u8> {
     };
     push(&[0]);
     push(&[2]);
-    [7i16, 8].iter().for_each(|n| push(&n.to_le_bytes()));
+    for n in [7i16, 8] {
+        push(&n.to_le_bytes());
+    }
     for (x, y) in square {
         push(&[255]);
         push(&f64::to_le_bytes(x));
@@ -215,7 +217,9 @@ fn ply(format: &str) -> Vec<u8> {
     }
     push(&0.5f32.to_le_bytes());
     push(&4u32.to_le_bytes());
-    (0..4u16).for_each(|n| push(&n.to_le_bytes()));
+    for n in 0..4u16 {
+        push(&n.to_le_bytes());
+    }
     out
 }
 
@@ -369,7 +373,7 @@ fn outputs_appear_whole_or_not_at_all() {
             fs::write(&path, old).unwrap();
         }
         let mut file = AtomicFile::create(&path).unwrap();
-        file.write_all(&[1; 100_000]).unwrap();
+        file.write_all(&vec![1; 100_000]).unwrap();
         file.flush().unwrap();
         let staged = StagedPath::create(&path).unwrap();
         fs::write(staged.path(), "half").unwrap();

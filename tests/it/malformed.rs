@@ -57,19 +57,22 @@ fn text_stl() -> Vec<u8> {
 
 fn text_ply() -> Vec<u8> {
     let ball = TriMesh::ball(Vec3::zeros(), 1.0, 1);
-    let mut out = format!(
+    let mut out = Vec::new();
+    write!(
+        out,
         "ply\nformat ascii 1.0\nelement vertex {}\nproperty float x\nproperty float y\nproperty float z\n\
          element face {}\nproperty list uchar int vertex_indices\nend_header\n",
         ball.vertices().len(),
         ball.triangles().len()
-    );
-    ball.vertices()
-        .iter()
-        .for_each(|v| out += &format!("{} {} {}\n", v.x, v.y, v.z));
-    ball.triangles()
-        .iter()
-        .for_each(|[a, b, c]| out += &format!("3 {a} {b} {c}\n"));
-    out.into()
+    )
+    .unwrap();
+    for v in ball.vertices() {
+        writeln!(out, "{} {} {}", v.x, v.y, v.z).unwrap();
+    }
+    for [a, b, c] in ball.triangles() {
+        writeln!(out, "3 {a} {b} {c}").unwrap();
+    }
+    out
 }
 
 fn scaffold(path: &Path) -> Result<(), ReadError> {
@@ -210,7 +213,7 @@ fn damage(bytes: &mut Vec<u8>, other: &[u8], dice: &mut Dice) {
         0 => bytes.truncate(at),
         1 => bytes[at] ^= 1 << dice.below(8),
         2 => {
-            for _ in 0..1 + dice.below(16) {
+            for _ in 0..=dice.below(16) {
                 let at = dice.below(length);
                 bytes[at] = dice.below(256) as u8;
             }
@@ -324,7 +327,7 @@ fn read_damaged(format: &Format, cases: usize) {
         let mut dice = Dice(case as u64 * 77 + 5);
         let mut bytes = format.seeds[case % format.seeds.len()].clone();
         let other = dice.of(&format.seeds).clone();
-        for _ in 0..1 + dice.below(3) {
+        for _ in 0..=dice.below(3) {
             if !bytes.is_empty() {
                 damage(&mut bytes, &other, &mut dice);
             }

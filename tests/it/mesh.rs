@@ -28,7 +28,9 @@ fn without(mesh: &TriMesh, drop: impl Fn(usize, [Vec3; 3]) -> bool) -> TriMesh {
 
 fn joined(parts: &[TriMesh]) -> TriMesh {
     let mut all = TriMesh::default();
-    parts.iter().for_each(|p| all.append(p).unwrap());
+    for p in parts {
+        all.append(p).unwrap();
+    }
     all
 }
 
@@ -363,9 +365,9 @@ fn mesh_solids_and_skins_obey_the_field_laws() {
                 max: c.add_scalar(edge),
             };
             assert_field_laws(&solid, &region, 1e-9);
-            skins
-                .iter()
-                .for_each(|s| assert_field_laws(s, &region, 1e-9));
+            for s in &skins {
+                assert_field_laws(s, &region, 1e-9);
+            }
         }
     }
 }

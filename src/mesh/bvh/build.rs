@@ -3,7 +3,7 @@
 use super::Node;
 
 /// Primitives in a leaf at most.
-const LEAF: usize = 4;
+const LEAF: usize = 2;
 /// Bins per axis when a split is sought.
 const BINS: usize = 16;
 /// Depth from which ranges are halved instead of split by cost.
