@@ -4,10 +4,10 @@ use druse::band::{self, BandError, BandStats, LeafMap, Sampling, Statistics};
 use druse::field::{Field, Intersection, Interval, Sphere, WorldField};
 use druse::frame::{Aabb, Coord, Transform, Vec3, WorldPoint};
 use druse::progress::{Progress, Silent, Threads};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::atomic::{AtomicU64, Ordering};
 
-type Leaves = BTreeMap<Coord, ([u64; 8], [f32; 512])>;
+pub type Leaves = BTreeMap<Coord, ([u64; 8], [f32; 512])>;
 
 fn cube(half: f64) -> Aabb {
     Aabb {
@@ -36,24 +36,36 @@ fn run(
     Ok((stats, sink.into_leaves()))
 }
 
-/// The band by its definition: every voxel of every leaf that meets the region, all 26 neighbours.
+/// The band by its definition over a cube, see [`dense_region`].
 fn dense(field: &WorldField, h: f64, w: f64, low: i32, high: i32) -> Leaves {
-    let edge = (high - low + 2) as usize;
     let t = Transform::new(h).unwrap();
-    let at = |c: [i32; 3]| c.iter().fold(0, |n, &x| n * edge + (x - low + 1) as usize);
-    let mut values = vec![0f32; edge * edge * edge];
-    for x in low - 1..=high {
-        for y in low - 1..=high {
-            for z in low - 1..=high {
-                values[at([x, y, z])] = field.value(t.world(Coord::new(x, y, z))) as f32;
+    let value = |c| field.value(t.world(c)) as f32;
+    dense_region(value, (w * h) as f32, [low; 3], [high; 3])
+}
+
+/// The band by its definition: every voxel of every leaf from `low` up to but not including `high`,
+/// with all 26 neighbours.
+pub fn dense_region(
+    value: impl Fn(Coord) -> f32,
+    background: f32,
+    low: [i32; 3],
+    high: [i32; 3],
+) -> Leaves {
+    let edges = [0, 1, 2].map(|a| (high[a] - low[a] + 2) as usize);
+    let at = |c: [i32; 3]| (0..3).fold(0, |n, a| n * edges[a] + (c[a] - low[a] + 1) as usize);
+    let mut values = vec![0f32; edges.iter().product()];
+    for x in low[0] - 1..=high[0] {
+        for y in low[1] - 1..=high[1] {
+            for z in low[2] - 1..=high[2] {
+                values[at([x, y, z])] = value(Coord::new(x, y, z));
             }
         }
     }
-    let background = (w * h) as f32;
     let mut leaves = Leaves::new();
-    for n in 0..((high - low) / 8).pow(3) {
-        let side = (high - low) / 8;
-        let o = [n / side / side, n / side % side, n % side].map(|i| low + 8 * i);
+    let [_, ny, nz] = [0, 1, 2].map(|a| (high[a] - low[a]) / 8);
+    for n in 0..(high[0] - low[0]) / 8 * ny * nz {
+        let place = [n / (ny * nz), n / nz % ny, n % nz];
+        let o = [0, 1, 2].map(|a| low[a] + 8 * place[a]);
         let (mut mask, mut out) = ([0u64; 8], [0f32; 512]);
         for v in 0..512 {
             let c = [o[0] + (v >> 6), o[1] + (v >> 3 & 7), o[2] + (v & 7)];
@@ -74,11 +86,34 @@ fn dense(field: &WorldField, h: f64, w: f64, low: i32, high: i32) -> Leaves {
 }
 
 /// Fails at the first leaf that differs.
-fn assert_same(found: &Leaves, expected: &Leaves) {
+pub fn assert_same(found: &Leaves, expected: &Leaves) {
     for (origin, leaf) in expected {
         assert!(found.get(origin) == Some(leaf), "leaf {origin:?}");
     }
     assert_eq!(found.len(), expected.len());
+}
+
+/// Fails at the first voxel that differs by more than single precision explains.
+pub fn assert_alike(found: &Leaves, expected: &Leaves, background: f32) {
+    let none = ([0; 8], [background; 512]);
+    let origins: BTreeSet<_> = found.keys().chain(expected.keys()).collect();
+    for origin in origins {
+        let [a, b] = [found, expected].map(|m| m.get(origin).unwrap_or(&none));
+        for n in 0..512 {
+            let [x, y] = [a, b].map(|leaf| (leaf.0[n / 64] >> (n % 64) & 1, leaf.1[n]));
+            // A leaf that is not kept has no values.
+            let sides = if a.0 == [0; 8] || b.0 == [0; 8] {
+                (x.1.abs() - y.1.abs()).abs()
+            } else {
+                (x.1 - y.1).abs()
+            };
+            let at_the_edge = (x.1.abs() - background).abs() < 1e-4 * background;
+            assert!(
+                sides < 1e-4 * background && (x.0 == y.0 || at_the_edge),
+                "leaf {origin:?}, voxel {n}: found {x:?}, expected {y:?}"
+            );
+        }
+    }
 }
 
 /// Not a distance at all: plus or minus `scale`, constant on cubes of 2 units that hash to a sign;

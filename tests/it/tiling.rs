@@ -1,1 +1,657 @@
-//! Laws of `tiling`.
+//! Laws of tilings, with cells in closed form.
+
+use crate::strategy::{self, Noise};
+use druse::band::{self, LeafMap};
+use druse::field::{Field, Interval};
+use druse::frame::{Aabb, CellBox, CellPoint, Coord, Element, Transform, Vec3, WorldPoint};
+use druse::progress::{Silent, Threads};
+use druse::scaffold::{Connectivity, Kind, Scaffold};
+use druse::tiling::{Boundary, CellField, Distance, TiledSolid, TilingOptions};
+use std::collections::BTreeMap;
+use std::f64::consts::TAU;
+
+/// sum a (cos kX cos lY cos mZ over the permutations of k, l, m) - level: any such sum has the full
+/// symmetry of the cube and of the tetrahedron.
+struct Cosines {
+    element: Element,
+    terms: Vec<([f64; 3], f64)>,
+    level: f64,
+}
+
+impl Cosines {
+    fn new(element: Element, orbits: &[([u32; 3], f64)], level: f64) -> Self {
+        let mut terms = Vec::new();
+        for &([k, l, m], a) in orbits {
+            let mut all = vec![
+                [k, l, m],
+                [l, m, k],
+                [m, k, l],
+                [l, k, m],
+                [m, l, k],
+                [k, m, l],
+            ];
+            all.sort_unstable();
+            all.dedup();
+            terms.extend(all.into_iter().map(|f| (f.map(f64::from), a)));
+        }
+        Self {
+            element,
+            terms,
+            level,
+        }
+    }
+
+    fn schwarz_p(element: Element, level: f64) -> Self {
+        Self::new(element, &[([1, 0, 0], 1.0)], level)
+    }
+
+    fn random(element: Element, noise: &mut Noise) -> Self {
+        let orbits: Vec<_> = [[1, 0, 0], [1, 1, 0], [1, 1, 1], [2, 0, 0], [2, 1, 0]]
+            .into_iter()
+            .map(|f| (f, noise.signed() / f64::from(f.iter().sum::<u32>())))
+            .collect();
+        Self::new(element, &orbits, 0.5 * noise.signed())
+    }
+}
+
+/// The range of cos over an interval of its argument in turns.
+fn cos_range(lo: f64, hi: f64) -> Interval {
+    let (a, b) = ((TAU * lo).cos(), (TAU * hi).cos());
+    let mut range = Interval::new(a.min(b), a.max(b));
+    if hi.floor() >= lo {
+        range.hi = 1.0;
+    }
+    if (hi - 0.5).floor() + 0.5 >= lo {
+        range.lo = -1.0;
+    }
+    range
+}
+
+fn times(a: Interval, b: Interval) -> Interval {
+    let all = [a.lo * b.lo, a.lo * b.hi, a.hi * b.lo, a.hi * b.hi];
+    Interval::new(
+        all.into_iter().fold(f64::INFINITY, f64::min),
+        all.into_iter().fold(f64::NEG_INFINITY, f64::max),
+    )
+}
+
+impl Field for Cosines {
+    type Point = CellPoint<3>;
+    fn value(&self, p: CellPoint<3>) -> f64 {
+        let sum: f64 = self
+            .terms
+            .iter()
+            .map(|(f, a)| a * (0..3).map(|i| (TAU * f[i] * p.0[i]).cos()).product::<f64>())
+            .sum();
+        sum - self.level
+    }
+    fn value_and_gradient(&self, p: CellPoint<3>) -> (f64, Vec3) {
+        let mut gradient = Vec3::zeros();
+        for (f, a) in &self.terms {
+            let c = [0, 1, 2].map(|i| (TAU * f[i] * p.0[i]).cos());
+            let s = [0, 1, 2].map(|i| -TAU * f[i] * (TAU * f[i] * p.0[i]).sin());
+            gradient += Vec3::new(s[0] * c[1] * c[2], c[0] * s[1] * c[2], c[0] * c[1] * s[2]) * *a;
+        }
+        (self.value(p), gradient)
+    }
+    fn bound(&self, region: &CellBox<3>) -> Interval {
+        let mut sum = Interval::new(-self.level, -self.level);
+        for (f, a) in &self.terms {
+            let mut product = Interval::new(*a, *a);
+            for i in 0..3 {
+                let c = cos_range(f[i] * region.min[i], f[i] * region.max[i]);
+                product = times(product, c);
+            }
+            sum = Interval::new(sum.lo + product.lo, sum.hi + product.hi);
+        }
+        // Rounding of the sum.
+        Interval::new(sum.lo - 1e-12, sum.hi + 1e-12)
+    }
+}
+
+impl CellField for Cosines {
+    fn element(&self) -> Element {
+        self.element
+    }
+    fn gradient_sup(&self) -> f64 {
+        self.terms
+            .iter()
+            .map(|(f, a)| a.abs() * TAU * Vec3::from(*f).norm())
+            .sum()
+    }
+    fn gradient_rms(&self) -> f64 {
+        let mut noise = Noise::new(3);
+        let squares: f64 = (0..2000)
+            .map(|_| {
+                let p = strategy::cell_point(self.element, &mut noise);
+                self.value_and_gradient(p).1.norm_squared()
+            })
+            .sum();
+        (squares / 2000.0).sqrt()
+    }
+}
+
+fn options(voxel_size: f64) -> TilingOptions {
+    TilingOptions {
+        voxel_size,
+        half_width: 3.0 * voxel_size,
+        distance: Distance::Fast,
+        boundary: Boundary::Cut,
+    }
+}
+
+/// A distorted mesh whose every element is proved regular.
+fn scaffold(kind: Kind, counts: [usize; 3], amplitude: f64, seed: u64) -> Scaffold {
+    for shrink in 0..20 {
+        let amplitude = amplitude * 0.8f64.powi(shrink);
+        let (nodes, elements) = strategy::mesh(kind, counts, amplitude, seed);
+        let scaffold = Scaffold::new(nodes, elements).unwrap();
+        if scaffold.stretch().0 > 0.02 {
+            return scaffold;
+        }
+    }
+    panic!("no regular mesh of {kind:?} from seed {seed}")
+}
+
+/// A random point on a random face of an element, and the face's normal in world space.
+fn point_on_face(scaffold: &Scaffold, noise: &mut Noise) -> (Vec3, Vec3) {
+    let element = scaffold.element(noise.below(scaffold.len()));
+    let faces = element.shape().faces();
+    let face = faces[noise.below(faces.len())];
+    loop {
+        let inside = strategy::cell_point(element.shape(), noise).0;
+        let on = CellPoint(inside + face.normal * (face.offset - face.normal.dot(&inside)));
+        if element.shape().face_distance(on) < 1e-12 {
+            let (p, jacobian) = element.map_and_jacobian(on);
+            let normal = jacobian.try_inverse().unwrap().transpose() * face.normal;
+            return (p.0, normal.normalize());
+        }
+    }
+}
+
+/// Greatest difference of the distance across element faces, in voxels, over points near the band.
+fn greatest_jump(scaffold: &Scaffold, tiled: &TiledSolid<Cosines>, voxel: f64, seed: u64) -> f64 {
+    let mut noise = Noise::new(seed);
+    let mut greatest = 0f64;
+    for _ in 0..1500 {
+        let (p, normal) = point_on_face(scaffold, &mut noise);
+        let at = |s: f64| tiled.value(WorldPoint(p + normal * (s * 1e-8)));
+        greatest = greatest.max((at(1.0) - at(-1.0)).abs() / voxel);
+    }
+    greatest
+}
+
+#[test]
+fn distances_are_continuous_over_faces_of_random_elements() {
+    for kind in [
+        Kind::Tet4,
+        Kind::Tet10,
+        Kind::Hex8,
+        Kind::Hex20,
+        Kind::Hex27,
+    ] {
+        let cell = Cosines::schwarz_p(kind.shape(), -0.4);
+        for seed in 1..2 {
+            // 40 voxels per edge of the grid.
+            let scaffold = scaffold(kind, [2, 2, 2], 0.25, seed);
+            let tiled = TiledSolid::new(&scaffold, &cell, options(1.0 / 40.0)).unwrap();
+            let jump = greatest_jump(&scaffold, &tiled, 1.0 / 40.0, seed);
+            println!("{} seed {seed}: jump {jump:.1e} voxel", kind.name());
+            assert!(jump < 1e-3, "{} seed {seed}: {jump} voxel", kind.name());
+        }
+    }
+}
+
+#[test]
+fn signs_and_zeros_are_those_of_the_cell() {
+    let mut noise = Noise::new(5);
+    for kind in [Kind::Tet4, Kind::Tet10, Kind::Hex20] {
+        let cell = Cosines::schwarz_p(kind.shape(), 0.3);
+        let scaffold = scaffold(kind, [2, 2, 2], 0.25, 7);
+        let h = 1.0 / 30.0;
+        for distance in [Distance::Fast, Distance::Exact] {
+            let options = TilingOptions {
+                distance,
+                boundary: Boundary::Extend,
+                ..options(h)
+            };
+            let tiled = TiledSolid::new(&scaffold, &cell, options).unwrap();
+            for _ in 0..2000 {
+                let p = WorldPoint((noise.vector().add_scalar(1.0)) * 0.8 + Vec3::repeat(0.2));
+                let Some(s) = tiled.sample(p) else { continue };
+                assert_eq!(s.phi < 0.0, s.distance < 0.0, "{p:?} {s:?}");
+                // |F| / L <= |d| <= 10 |F| / gamma with the slopes of the worst element.
+                let steepest = cell.gradient_sup() / scaffold.stretch().0;
+                if distance == Distance::Fast {
+                    assert!(s.distance.abs() >= (s.phi.abs() / steepest).min(3.0 * h) * 0.999);
+                }
+                assert!(s.distance.abs() <= 3.0 * h);
+            }
+        }
+    }
+}
+
+/// Zero points of the tiled field, dense: sign changes along the lines of a grid in each element.
+fn zero_points(scaffold: &Scaffold, cell: &Cosines, n: usize) -> Vec<Vec3> {
+    let mut points = Vec::new();
+    let at = |i: usize| i as f64 / n as f64 - 0.5;
+    for element in scaffold.elements() {
+        for i in 0..=n {
+            for j in 0..=n {
+                for axis in 0..3 {
+                    let on_line = |t: f64| {
+                        let mut p = Vec3::zeros();
+                        p[axis] = t;
+                        p[(axis + 1) % 3] = at(i);
+                        p[(axis + 2) % 3] = at(j);
+                        CellPoint(p)
+                    };
+                    for k in 0..n {
+                        let (mut a, mut b) = (at(k), at(k + 1));
+                        if (cell.value(on_line(a)) < 0.0) == (cell.value(on_line(b)) < 0.0) {
+                            continue;
+                        }
+                        for _ in 0..30 {
+                            let m = (a + b) / 2.0;
+                            if (cell.value(on_line(m)) < 0.0) == (cell.value(on_line(a)) < 0.0) {
+                                a = m;
+                            } else {
+                                b = m;
+                            }
+                        }
+                        let p = on_line((a + b) / 2.0);
+                        if element.shape().face_distance(p) <= 1e-9 {
+                            points.push(element.map(p).0);
+                        }
+                    }
+                }
+            }
+        }
+    }
+    points
+}
+
+/// Points by voxel of a coarse grid, for brute-force nearest neighbours within its edge.
+struct Buckets {
+    edge: f64,
+    map: BTreeMap<[i64; 3], Vec<Vec3>>,
+}
+
+impl Buckets {
+    fn new(points: &[Vec3], edge: f64) -> Self {
+        let mut map: BTreeMap<[i64; 3], Vec<Vec3>> = BTreeMap::new();
+        for p in points {
+            let key = p.map(|c| (c / edge).floor() as i64);
+            map.entry(key.into()).or_default().push(*p);
+        }
+        Self { edge, map }
+    }
+
+    fn distance(&self, p: Vec3) -> f64 {
+        let c = p.map(|c| (c / self.edge).floor() as i64);
+        (0..27)
+            .filter_map(|n| {
+                self.map
+                    .get(&[c.x + n / 9 - 1, c.y + n / 3 % 3 - 1, c.z + n % 3 - 1])
+            })
+            .flatten()
+            .map(|z| (z - p).norm_squared())
+            .fold(f64::INFINITY, f64::min)
+            .sqrt()
+    }
+}
+
+#[test]
+fn distances_on_random_tets_are_near_the_true_ones() {
+    let cell = Cosines::schwarz_p(Element::Tet, -0.4);
+    let voxel = 1.0 / 40.0;
+    let (mut fast, mut exact, mut count) = (0.0, 0.0, 0u32);
+    for seed in 1..4 {
+        let scaffold = scaffold(Kind::Tet4, [1, 1, 2], 0.35, seed);
+        let zeros = zero_points(&scaffold, &cell, 100);
+        let buckets = Buckets::new(&zeros, 1.6 * voxel);
+        let solid = |distance| {
+            let options = TilingOptions {
+                distance,
+                boundary: Boundary::Extend,
+                ..options(voxel)
+            };
+            TiledSolid::new(&scaffold, &cell, options).unwrap()
+        };
+        let (q, r) = (solid(Distance::Fast), solid(Distance::Exact));
+        let mut noise = Noise::new(seed);
+        for _ in 0..3000 {
+            let p = zeros[noise.below(zeros.len())] + noise.vector() * (1.5 * voxel);
+            let truth = buckets.distance(p);
+            let Some(s) = q.sample(WorldPoint(p)).filter(|_| truth < 1.5 * voxel) else {
+                continue;
+            };
+            let r = r.value(WorldPoint(p));
+            assert!(r.abs() <= s.distance.abs() + 1e-12);
+            fast += (s.distance.abs() - truth).powi(2);
+            exact += (r.abs() - truth).powi(2);
+            count += 1;
+        }
+    }
+    let rms = |sum: f64| (sum / f64::from(count)).sqrt() / voxel;
+    println!(
+        "{count} points within 1.5 voxels: rms error of rule Q {:.3} voxel, of rule R {:.3} voxel",
+        rms(fast),
+        rms(exact)
+    );
+    assert!(count > 3000);
+    assert!(rms(fast) < 0.5);
+    assert!(rms(exact) < 0.2);
+    assert!(exact < fast);
+}
+
+/// The gyroid, one period per hex of edge 1.
+struct Gyroid;
+
+impl Field for Gyroid {
+    type Point = CellPoint<3>;
+    fn value(&self, p: CellPoint<3>) -> f64 {
+        let q = p.0 * TAU;
+        q.x.sin() * q.y.cos() + q.y.sin() * q.z.cos() + q.z.sin() * q.x.cos()
+    }
+    fn value_and_gradient(&self, p: CellPoint<3>) -> (f64, Vec3) {
+        let q = p.0 * TAU;
+        let (s, c) = (q.map(f64::sin), q.map(f64::cos));
+        let g = Vec3::new(
+            c.x * c.y - s.z * s.x,
+            c.y * c.z - s.x * s.y,
+            c.z * c.x - s.y * s.z,
+        );
+        (self.value(p), g * TAU)
+    }
+    fn bound(&self, region: &CellBox<3>) -> Interval {
+        let centre = CellPoint((region.min + region.max) / 2.0);
+        let r = self.gradient_sup() * (region.max - region.min).norm() / 2.0;
+        let v = self.value(centre);
+        Interval::new(v - r, v + r)
+    }
+}
+
+impl CellField for Gyroid {
+    fn element(&self) -> Element {
+        Element::Hex
+    }
+    fn gradient_sup(&self) -> f64 {
+        TAU * 3f64.sqrt()
+    }
+    fn gradient_rms(&self) -> f64 {
+        TAU * 1.5f64.sqrt()
+    }
+}
+
+#[test]
+fn two_steps_reach_the_gyroids_distance() {
+    // Period 20 voxels, as far as the faces are concerned a smooth field.
+    let cells = 4;
+    let scaffold = Scaffold::box_grid(
+        Vec3::repeat(20.0 * f64::from(cells)),
+        [cells as usize; 3],
+        Kind::Hex8,
+    )
+    .unwrap();
+    let tiled = TiledSolid::new(&scaffold, &Gyroid, options(1.0)).unwrap();
+    let f = |x: Vec3| Gyroid.value_and_gradient(CellPoint((x / 20.0).add_scalar(-0.5)));
+    let closest = |x: Vec3| {
+        let mut q = x;
+        for _ in 0..60 {
+            let (v, g) = f(q);
+            let g = g / 20.0;
+            // To the tangent plane's point nearest to x.
+            let along = (x - q) - g * ((x - q).dot(&g) / g.norm_squared());
+            q += along * 0.5 - g * (v / g.norm_squared());
+        }
+        (x - q).norm()
+    };
+    let n = 48;
+    let edge = n + 2;
+    let mut values = vec![0f64; edge * edge * edge];
+    let at = |i: usize, j: usize, k: usize| (i * edge + j) * edge + k;
+    for i in 0..edge {
+        for j in 0..edge {
+            for k in 0..edge {
+                let x = Vec3::new(i as f64, j as f64, k as f64).add_scalar(16.3);
+                values[at(i, j, k)] = tiled.value(WorldPoint(x));
+            }
+        }
+    }
+    let (mut distance, mut slope, mut count) = (0.0, 0.0, 0u32);
+    for i in 1..=n {
+        for j in 1..=n {
+            for k in 1..=n {
+                let d = values[at(i, j, k)];
+                if d.abs() > 2.0 {
+                    continue;
+                }
+                let x = Vec3::new(i as f64, j as f64, k as f64).add_scalar(16.3);
+                let g = Vec3::new(
+                    values[at(i + 1, j, k)] - values[at(i - 1, j, k)],
+                    values[at(i, j + 1, k)] - values[at(i, j - 1, k)],
+                    values[at(i, j, k + 1)] - values[at(i, j, k - 1)],
+                ) / 2.0;
+                // Central differences reach one voxel further: stay off the clamp.
+                distance += (d.abs() - closest(x)).powi(2);
+                slope += (g.norm() - 1.0).powi(2);
+                count += 1;
+            }
+        }
+    }
+    let rms = |sum: f64| (sum / f64::from(count)).sqrt();
+    println!(
+        "gyroid, {count} voxels: distance rms {:.4} voxel, | |grad| - 1 | rms {:.4}",
+        rms(distance),
+        rms(slope)
+    );
+    assert!(count > 20_000);
+    assert!(rms(distance) <= 0.005, "{}", rms(distance));
+    assert!(rms(slope) <= 0.011, "{}", rms(slope));
+}
+
+#[test]
+fn culling_never_misses_a_leaf_on_random_cells_and_maps() {
+    let kinds = [
+        Kind::Tet4,
+        Kind::Tet10,
+        Kind::Hex8,
+        Kind::Hex20,
+        Kind::Hex27,
+    ];
+    let mut noise = Noise::new(11);
+    let threads = Threads::new(2).unwrap();
+    let (mut touched, mut kept, mut all) = (0, 0, 0);
+    for pair in 0..220 {
+        let kind = kinds[pair % kinds.len()];
+        let cell = Cosines::random(kind.shape(), &mut noise);
+        let counts = if kind.shape() == Element::Tet {
+            [1, 1, 1]
+        } else {
+            [2, 1, 1]
+        };
+        let scaffold = scaffold(kind, counts, 0.2, pair as u64);
+        // 8 to 12 voxels per edge.
+        let h = 1.0 / (10.0 + 2.0 * noise.signed());
+        let options = TilingOptions {
+            distance: if pair % 11 == 0 {
+                Distance::Exact
+            } else {
+                Distance::Fast
+            },
+            ..options(h)
+        };
+        let tiled = TiledSolid::new(&scaffold, &cell, options).unwrap();
+        let sink = LeafMap::default();
+        let transform = Transform::new(h).unwrap();
+        let bounds = scaffold.bounds();
+        let stats =
+            band::evaluate(&tiled, transform, 3.0, &bounds, &threads, &Silent, &sink).unwrap();
+        let leaves = sink.into_leaves();
+        // Every leaf of the region has its band, and no other leaf has one.
+        let index = |x: f64, up: f64| ((x / h + up * 4.0) / 8.0 + up * 0.5).round() as i32 * 8;
+        let low = bounds.min.map(|c| index(c, -1.0));
+        let high = bounds.max.map(|c| index(c, 1.0));
+        // Kept leaves answer for their own voxels; every other voxel is asked of the field.
+        let value = |c: Coord| match leaves.get(&c.aligned(8)) {
+            Some((_, values)) => {
+                let [x, y, z] = c.0.map(|i| (i & 7) as usize);
+                values[x << 6 | y << 3 | z]
+            }
+            None => tiled.value(transform.world(c)) as f32,
+        };
+        let background = (3.0 * h) as f32;
+        let dense = crate::band::dense_region(value, background, low.into(), high.into());
+        crate::band::assert_alike(&leaves, &dense, background);
+        touched += stats.leaves_touched;
+        kept += stats.leaves_kept;
+        all += ((high - low) / 8).product() as u64;
+    }
+    println!("220 pairs: {all} leaves in all, {touched} evaluated, {kept} kept");
+    assert!(kept > 1000);
+}
+
+#[test]
+fn void_boundary_cells_stay_void_beyond_the_boundary() {
+    // Balls of radius 0.25 strictly inside unit hexes: void at every face.
+    struct Ball;
+    impl Field for Ball {
+        type Point = CellPoint<3>;
+        fn value(&self, p: CellPoint<3>) -> f64 {
+            p.0.norm() - 0.25
+        }
+        fn value_and_gradient(&self, p: CellPoint<3>) -> (f64, Vec3) {
+            let n = p.0.norm();
+            (n - 0.25, p.0 / n.max(1e-300))
+        }
+        fn bound(&self, region: &CellBox<3>) -> Interval {
+            let v = self.value(CellPoint((region.min + region.max) / 2.0));
+            let r = (region.max - region.min).norm() / 2.0;
+            Interval::new(v - r, v + r)
+        }
+    }
+    impl CellField for Ball {
+        fn element(&self) -> Element {
+            Element::Hex
+        }
+        fn gradient_sup(&self) -> f64 {
+            1.0
+        }
+        fn gradient_rms(&self) -> f64 {
+            1.0
+        }
+    }
+    let h = 1.0 / 16.0;
+    let scaffold = Scaffold::box_grid(Vec3::repeat(3.0), [3; 3], Kind::Hex8).unwrap();
+    let tiled = TiledSolid::new(&scaffold, &Ball, options(h)).unwrap();
+    let mut noise = Noise::new(1);
+    let mut outside = 0;
+    for _ in 0..20_000 {
+        let x = (noise.vector() * 2.0).add_scalar(1.5);
+        let near_face = x.iter().any(|c| c.min(3.0 - c) < 2.0 * h);
+        if near_face {
+            // 4 voxels of void lie under the faces: dilating by 2 leaves 1 to spare.
+            assert!(tiled.value(WorldPoint(x)) > 1.9 * h, "{x:?}");
+            outside += u32::from(x.iter().any(|c| c.min(3.0 - c) < 0.0));
+        }
+        let c = x.map(|c| c - c.floor() - 0.5);
+        if !x.iter().any(|c| *c < 0.0 || *c > 3.0) {
+            let truth = (c.norm() - 0.25).clamp(-3.0 * h, 3.0 * h);
+            let boundary = -x.iter().map(|c| c.min(3.0 - c)).fold(3.0, f64::min);
+            assert!((tiled.value(WorldPoint(x)) - truth.max(boundary)).abs() < 1e-3 * h);
+        }
+    }
+    assert!(outside > 3000);
+}
+
+#[test]
+fn extend_goes_on_where_cut_ends() {
+    let h = 1.0 / 20.0;
+    let scaffold = Scaffold::box_grid(Vec3::repeat(2.0), [2; 3], Kind::Hex8).unwrap();
+    let cell = Cosines::schwarz_p(Element::Hex, 0.2);
+    let solid = |boundary| {
+        let options = TilingOptions {
+            boundary,
+            ..options(h)
+        };
+        TiledSolid::new(&scaffold, &cell, options).unwrap()
+    };
+    let (cut, extend) = (solid(Boundary::Cut), solid(Boundary::Extend));
+    let mut noise = Noise::new(9);
+    for _ in 0..3000 {
+        let y = noise.signed() + 1.0;
+        let z = noise.signed() + 1.0;
+        let at = |x: f64| WorldPoint(Vec3::new(x, y, z));
+        let beyond = 2.0 + h * 5.0 * (noise.signed() + 1.0);
+        let on_face = extend.value(at(2.0));
+        assert!((extend.value(at(beyond)) - on_face).abs() < 1e-9);
+        let expected = on_face.max(beyond - 2.0).min(3.0 * h);
+        assert!((cut.value(at(beyond)) - expected).abs() < 1e-9);
+        assert!((cut.value(at(2.0)) - on_face.max(0.0)).abs() < 1e-9);
+    }
+}
+
+#[test]
+fn overlapping_components_are_united_whatever_their_order() {
+    let cell = Cosines::schwarz_p(Element::Hex, 0.4);
+    let one = Scaffold::box_grid(Vec3::repeat(1.0), [2; 3], Kind::Hex8).unwrap();
+    let shift = Vec3::new(0.63, 0.41, 0.27);
+    let both = |first: Vec3, second: Vec3| {
+        let mut nodes: Vec<Vec3> = one.nodes().iter().map(|p| p + first).collect();
+        nodes.extend(one.nodes().iter().map(|p| p + second));
+        let mut elements = Connectivity::default();
+        for copy in 0..2 {
+            for e in 0..one.len() {
+                let own: Vec<u32> = one
+                    .connectivity()
+                    .nodes(e)
+                    .iter()
+                    .map(|n| n + copy * one.nodes().len() as u32)
+                    .collect();
+                elements.push(Kind::Hex8, &own);
+            }
+        }
+        Scaffold::new(nodes, elements).unwrap()
+    };
+    let (ab, ba) = (both(Vec3::zeros(), shift), both(shift, Vec3::zeros()));
+    let h = 1.0 / 30.0;
+    let [ab, ba, a] = [&ab, &ba, &one].map(|s| TiledSolid::new(s, &cell, options(h)).unwrap());
+    assert_eq!((ab.component_count(), ab.overlap_count()), (2, 1));
+    assert_eq!((a.component_count(), a.overlap_count()), (1, 0));
+    let mut noise = Noise::new(2);
+    for _ in 0..4000 {
+        let x = noise.vector() * 0.9 + Vec3::repeat(0.8);
+        let [u, v] = [&ab, &ba].map(|t| t.value(WorldPoint(x)));
+        let parts = [x, x - shift].map(|x| a.value(WorldPoint(x)));
+        assert!((u - v).abs() < 1e-12);
+        assert!((u - parts[0].min(parts[1])).abs() < 1e-9);
+    }
+}
+
+#[test]
+fn the_field_laws_hold() {
+    for kind in [Kind::Tet4, Kind::Tet10, Kind::Hex20] {
+        let cell = Cosines::schwarz_p(kind.shape(), 0.1);
+        let scaffold = scaffold(kind, [2, 2, 2], 0.2, 3);
+        for boundary in [Boundary::Cut, Boundary::Extend] {
+            for distance in [Distance::Fast, Distance::Exact] {
+                let options = TilingOptions {
+                    boundary,
+                    distance,
+                    ..options(0.05)
+                };
+                let tiled = TiledSolid::new(&scaffold, &cell, options).unwrap();
+                let mut noise = Noise::new(4);
+                for _ in 0..12 {
+                    let min = noise.vector() * 1.3 + Vec3::repeat(0.9);
+                    let region = Aabb {
+                        min,
+                        max: min.add_scalar(0.15 + 0.14 * noise.signed()),
+                    };
+                    crate::field::assert_field_laws(&tiled, &region, 1e-6);
+                }
+            }
+        }
+    }
+}

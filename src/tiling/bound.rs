@@ -1,0 +1,119 @@
+//! What the tiling's values can be in a box: bounds of the cell over the box's image in each element.
+
+use super::near::Near;
+use super::{CHORD, CellField, Distance, TiledSolid};
+use crate::field::Interval;
+use crate::frame::Aabb;
+
+/// Room for the rounding of single precision, relative.
+const SLACK: f64 = 1e-6;
+
+impl<C: CellField> TiledSolid<'_, C> {
+    /// Bound over all components.
+    pub(super) fn bound_of_all(&self, region: &Aabb) -> Interval {
+        let w = self.options.half_width;
+        let start = Interval::new(w, w);
+        (0..self.components.len())
+            .map(|c| self.bound_of(c, region))
+            .fold(start, |a, b| {
+                if self.is_cut() || self.components.len() == 1 {
+                    Interval::new(a.lo.min(b.lo), a.hi.min(b.hi))
+                } else {
+                    // Any of them may govern.
+                    a.hull(b)
+                }
+            })
+    }
+
+    /// Bound of one component's distance, its boundary included.
+    fn bound_of(&self, component: usize, region: &Aabb) -> Interval {
+        let w = self.options.half_width;
+        let boundary = &self.components[component].boundary;
+        if self.is_cut() && !boundary.bounds().dilated(w).meets(*region) {
+            return Interval::new(w, w);
+        }
+        let depth = crate::field::Field::bound(boundary, region);
+        if self.is_cut() && depth.lo >= w {
+            return Interval::new(w, w);
+        }
+        let reach = self.reach(depth.hi);
+        let wide = region.dilated(reach);
+        let near = self.near(component, &wide, self.margin());
+        let field = self
+            .field_range(&near, &wide)
+            .map_or(Interval::new(-w, w), |f| {
+                self.distance_range(component, &near, &wide, f)
+            });
+        if self.is_cut() {
+            Interval::new(
+                field.lo.max(depth.lo).clamp(-w, w),
+                field.hi.max(depth.hi).clamp(-w, w),
+            )
+        } else {
+            field
+        }
+    }
+
+    /// How far from a box the points can be at which the field is taken, if the box reaches up to
+    /// `outside` beyond the boundary: 0 if it lies in the scaffold.
+    pub(super) fn reach(&self, outside: f64) -> f64 {
+        let slack = 2.0 * CHORD * self.options.voxel_size;
+        if outside < -slack {
+            0.0
+        } else if self.is_cut() {
+            // Further out the boundary's distance alone is the value.
+            outside.clamp(0.0, self.options.half_width) + slack
+        } else {
+            outside.max(0.0) + slack
+        }
+    }
+
+    /// Every value of F at points of the box that lie in near elements; `None` if there are none.
+    pub(super) fn field_range(&self, near: &Near, region: &Aabb) -> Option<Interval> {
+        let mut range: Option<Interval> = None;
+        for &e in &near.patches {
+            if let Some(image) = self.scaffold.element(e as usize).cell_box(region) {
+                let b = self.cell.bound(&image);
+                range = Some(range.map_or(b, |r| r.hull(b)));
+            }
+        }
+        range
+    }
+
+    /// Bound of d(F) from one of F: its scale is at least 1 / L.
+    pub(super) fn distance_range(
+        &self,
+        component: usize,
+        near: &Near,
+        region: &Aabb,
+        f: Interval,
+    ) -> Interval {
+        let w = self.options.half_width;
+        let away = f.lo.max(-f.hi);
+        if away <= 0.0 {
+            return Interval::new(-w, w);
+        }
+        let mut least = away / near.slope_sup;
+        if self.options.distance == Distance::Exact && !self.is_free_of_zeros(component, region) {
+            least = 0.0;
+        }
+        let least = if least >= w * (1.0 + SLACK) {
+            w
+        } else {
+            least * (1.0 - SLACK)
+        };
+        if f.lo > 0.0 {
+            Interval::new(least, w)
+        } else {
+            Interval::new(-w, -least)
+        }
+    }
+
+    /// Whether the field certainly has no zero within w of the box.
+    fn is_free_of_zeros(&self, component: usize, region: &Aabb) -> bool {
+        let wide = region.dilated(self.options.half_width);
+        let near = self.near(component, &wide, 0.0);
+        self.field_range(&near, &wide)
+            .is_none_or(|f| f.lo > 0.0 || f.hi < 0.0)
+    }
+}

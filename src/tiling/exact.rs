@@ -1,0 +1,180 @@
+//! Rule R: closest zero points in cells, on faces and on edges.
+
+use super::near::Local;
+use super::patch::{Patch, Spot};
+use super::{CellField, TiledSolid};
+use crate::frame::{CellPoint, Element, Mat3, Vec3};
+use std::sync::LazyLock;
+
+/// Newton steps of one search.
+const STEPS: usize = 10;
+/// A search has converged when a step is shorter than this many voxels.
+const SETTLED: f64 = 1e-4;
+/// Zero points this far outside a cell, in reference units, still count.
+const OUTSIDE: f64 = 1e-7;
+
+/// Where a search is confined to: the whole cell, the plane of a face, the line of an edge.
+struct Domain {
+    /// A point of the plane or line.
+    base: Vec3,
+    /// Orthonormal directions, as columns; the rest is zero.
+    basis: Mat3,
+    dimension: usize,
+    /// The faces it lies in, by number.
+    faces: Vec<usize>,
+}
+
+impl Domain {
+    /// All of a solid element's, the cell first.
+    fn all(shape: Element) -> Vec<Self> {
+        let faces = shape.faces();
+        let cell = Self {
+            base: Vec3::zeros(),
+            basis: Mat3::identity(),
+            dimension: 3,
+            faces: Vec::new(),
+        };
+        let planes = faces.iter().enumerate().map(|(number, face)| {
+            let first = face.normal.cross(&Vec3::ith(face.normal.iamin(), 1.0));
+            let first = first.normalize();
+            Self {
+                base: face.normal * face.offset,
+                basis: Mat3::from_columns(&[first, face.normal.cross(&first), Vec3::zeros()]),
+                dimension: 2,
+                faces: vec![number],
+            }
+        });
+        let pairs = (0..faces.len()).flat_map(|i| (i + 1..faces.len()).map(move |j| (i, j)));
+        let lines = pairs.filter_map(|(i, j)| {
+            let (a, b) = (faces[i], faces[j]);
+            let along = a.normal.cross(&b.normal);
+            // Opposite faces of a hex do not meet.
+            let direction = along.try_normalize(1e-6)?;
+            let rows = Mat3::from_rows(&[
+                a.normal.transpose(),
+                b.normal.transpose(),
+                direction.transpose(),
+            ]);
+            let base = rows.try_inverse()? * Vec3::new(a.offset, b.offset, 0.0);
+            Some(Self {
+                base,
+                basis: Mat3::from_columns(&[direction, Vec3::zeros(), Vec3::zeros()]),
+                dimension: 1,
+                faces: vec![i, j],
+            })
+        });
+        let mut all = vec![cell];
+        all.extend(planes);
+        all.extend(lines);
+        all
+    }
+
+    fn project(&self, xi: Vec3) -> Vec3 {
+        self.base + self.basis * self.basis.tr_mul(&(xi - self.base))
+    }
+}
+
+static OF_TET: LazyLock<Vec<Domain>> = LazyLock::new(|| Domain::all(Element::Tet));
+static OF_HEX: LazyLock<Vec<Domain>> = LazyLock::new(|| Domain::all(Element::Hex));
+
+impl<C: CellField> TiledSolid<'_, C> {
+    /// The distance at `x` by rule R, where rule Q gives `d`; never further from 0.
+    pub(super) fn exact(&self, local: &Local, x: Vec3, d: f64) -> f64 {
+        let mut best = d.abs();
+        for place in 0..local.near.patches.len() {
+            let Some(spot) = self.spot(local, place, x, best) else {
+                continue;
+            };
+            let patch = self.patch(local, place);
+            if patch.overshoot(x, &spot) >= best {
+                continue;
+            }
+            let domains = match patch.shape() {
+                Element::Tet => &*OF_TET,
+                _ => &*OF_HEX,
+            };
+            for domain in domains {
+                let far = domain
+                    .faces
+                    .iter()
+                    .any(|&face| patch.face_distance(face, x) >= best);
+                if far {
+                    continue;
+                }
+                if let Some(distance) = self.closest_zero(patch, domain, x, &spot) {
+                    best = best.min(distance);
+                }
+            }
+        }
+        best.copysign(d)
+    }
+
+    /// Distance from `x` to the zero point that Newton's method finds in a domain: each step goes to
+    /// the point of the tangent plane of F (within the domain) that is nearest to `x`.
+    fn closest_zero(&self, patch: &Patch, domain: &Domain, x: Vec3, spot: &Spot) -> Option<f64> {
+        let longest = 2.0 * self.options.half_width;
+        let settled = SETTLED * self.options.voxel_size;
+        let mut xi = domain.project(patch.clamp(domain.project(spot.xi)));
+        let mut converged = false;
+        for _ in 0..STEPS {
+            let (p, jacobian) = patch.frame(self.scaffold, xi);
+            let (f, g) = self.cell.value_and_gradient(CellPoint(xi));
+            let slope = domain.basis.tr_mul(&g);
+            let step = if domain.dimension == 1 {
+                Vec3::new(-f / slope.x, 0.0, 0.0)
+            } else {
+                let tangents = jacobian * domain.basis;
+                let mut metric = tangents.tr_mul(&tangents);
+                for unused in domain.dimension..3 {
+                    metric[(unused, unused)] = 1.0;
+                }
+                let inverse = metric.try_inverse()?;
+                let free = inverse * tangents.tr_mul(&(x - p));
+                let normal = inverse * slope;
+                free - normal * ((slope.dot(&free) + f) / slope.dot(&normal))
+            };
+            let step = domain.basis * step;
+            let length = (jacobian * step).norm();
+            if !length.is_finite() {
+                return None;
+            }
+            xi += step * (longest / length).min(1.0);
+            if length < settled {
+                converged = true;
+                break;
+            }
+            if patch.shape().face_distance(CellPoint(xi)) > 1.0 {
+                return None;
+            }
+        }
+        let inside = patch.shape().face_distance(CellPoint(xi)) <= OUTSIDE;
+        (converged && inside).then(|| (x - patch.point(self.scaffold, xi)).norm())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn domains_are_the_faces_and_edges() {
+        for (shape, faces, edges) in [(Element::Tet, 4, 6), (Element::Hex, 6, 12)] {
+            let all = Domain::all(shape);
+            let count = |dimension| all.iter().filter(|d| d.dimension == dimension).count();
+            assert_eq!([count(3), count(2), count(1)], [1, faces, edges]);
+            for domain in &all {
+                let vertices = shape.vertices();
+                let on = vertices
+                    .iter()
+                    .filter(|&&v| (domain.project(v) - v).norm() < 1e-12)
+                    .count();
+                let expected = match domain.dimension {
+                    3 => vertices.len(),
+                    2 => vertices.len() / 2 + usize::from(shape == Element::Tet),
+                    _ => 2,
+                };
+                assert_eq!(on, expected);
+            }
+        }
+    }
+}

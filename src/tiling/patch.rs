@@ -1,0 +1,337 @@
+//! One element of the scaffold with the cell in it: inverse map, slopes, distance to its faces.
+
+use crate::frame::{Aabb, CellPoint, Element, Mat3, Vec3};
+use crate::scaffold::Scaffold;
+
+/// Points this close to a face, in reference units, belong to the element.
+pub(super) const ON_FACE: f64 = 1e-9;
+
+/// A half space that contains an element: `normal . x <= offset`, the normal of unit length.
+#[derive(Clone, Copy)]
+struct Wall {
+    normal: Vec3,
+    offset: f64,
+}
+
+/// How reference coordinates are found.
+enum Inverse {
+    /// `xi = matrix (x - centre)`.
+    Affine { matrix: Mat3, centre: Vec3 },
+    /// By Newton's method, starting from the affine map at the centroid.
+    Curved { matrix: Mat3, centre: Vec3 },
+}
+
+/// An element and what the distance rules need to know of it.
+pub(super) struct Patch {
+    number: usize,
+    shape: Element,
+    bounds: Aabb,
+    inverse: Inverse,
+    walls: [Wall; 6],
+    wall_count: usize,
+    /// L: bound of |grad F| over the element, per world unit; infinite if none could be proved.
+    pub slope_sup: f64,
+    /// gamma: root mean square of |grad F| on the surface.
+    pub slope_rms: f64,
+    /// Least stretch of the map: world length per reference length.
+    least_stretch: f64,
+}
+
+/// Where a point lies as an element sees it. Outside the element the map is continued: linearly from
+/// the point `inner` of the closed reference cell, so that the continuation meets the map at the
+/// faces. (An affine map is its own continuation.)
+#[derive(Clone, Copy)]
+pub(super) struct Spot {
+    /// Reference coordinates by the continued map.
+    pub xi: Vec3,
+    /// d xi / d x there.
+    pub inverse: Mat3,
+    /// Largest signed distance to the faces in reference coordinates; at most 0 inside.
+    pub beyond: f64,
+    /// The point of the element where the continuation starts, world coordinates; only for curved
+    /// elements different from the point itself.
+    inner: Option<Vec3>,
+}
+
+impl Patch {
+    /// Prepares element `number`; `slope_sup` and `slope_rms` are the cell's, in reference units.
+    pub fn new(scaffold: &Scaffold, number: usize, slope_sup: f64, slope_rms: f64) -> Self {
+        let element = scaffold.element(number);
+        let shape = element.shape();
+        let (centre, jacobian) = element.map_and_jacobian(CellPoint(Vec3::zeros()));
+        let matrix = jacobian.try_inverse().unwrap_or_else(Mat3::zeros);
+        let centre = centre.0;
+        let (least, _) = element.stretch();
+        let controls = element.control_points();
+        let mut walls = [Wall {
+            normal: Vec3::zeros(),
+            offset: 0.0,
+        }; 6];
+        let faces = shape.faces();
+        for (wall, face) in walls.iter_mut().zip(&faces) {
+            let normal = (matrix.transpose() * face.normal)
+                .try_normalize(0.0)
+                .unwrap_or_default();
+            let offset = controls
+                .iter()
+                .map(|c| normal.dot(c))
+                .fold(f64::NEG_INFINITY, f64::max);
+            *wall = Wall { normal, offset };
+        }
+        Self {
+            number,
+            shape,
+            bounds: element.bounds(),
+            inverse: if element.is_affine() {
+                Inverse::Affine { matrix, centre }
+            } else {
+                Inverse::Curved { matrix, centre }
+            },
+            walls,
+            wall_count: faces.len(),
+            slope_sup: if least > 0.0 {
+                slope_sup / least
+            } else {
+                f64::INFINITY
+            },
+            slope_rms: slope_rms * matrix.norm() / 3f64.sqrt(),
+            least_stretch: least.max(0.0),
+        }
+    }
+
+    /// A lower bound of how far outside the element a point is: the largest signed distance to the
+    /// planes and the box around it. For affine elements this is m, the measure that blending uses.
+    fn outside_walls(&self, x: Vec3) -> f64 {
+        let mut m = f64::NEG_INFINITY;
+        for wall in &self.walls[..self.wall_count] {
+            m = m.max(wall.normal.dot(&x) - wall.offset);
+        }
+        let low = (self.bounds.min - x).max();
+        let high = (x - self.bounds.max).max();
+        m.max(low).max(high)
+    }
+
+    /// A lower bound of a point's distance to the plane of a face; curved faces have none.
+    pub fn face_distance(&self, face: usize, x: Vec3) -> f64 {
+        match self.inverse {
+            Inverse::Affine { .. } => {
+                let wall = &self.walls[face];
+                (wall.normal.dot(&x) - wall.offset).abs()
+            }
+            Inverse::Curved { .. } => 0.0,
+        }
+    }
+
+    /// Whether every point of the box is certainly further than `margin` outside, by the measure m.
+    pub fn misses(&self, centre: Vec3, half: Vec3, margin: f64) -> bool {
+        self.walls[..self.wall_count].iter().any(|wall| {
+            wall.normal.dot(&centre) - wall.normal.abs().dot(&half) - wall.offset > margin
+        }) || (0..3).any(|a| {
+            centre[a] - half[a] - self.bounds.max[a] > margin
+                || self.bounds.min[a] - centre[a] - half[a] > margin
+        })
+    }
+
+    /// Where `x` lies, if it may be less than `margin` world units outside; Newton starts at `start`.
+    pub fn spot(
+        &self,
+        scaffold: &Scaffold,
+        x: Vec3,
+        margin: f64,
+        start: Option<Vec3>,
+    ) -> Option<Spot> {
+        if self.outside_walls(x) > margin {
+            return None;
+        }
+        match &self.inverse {
+            Inverse::Affine { matrix, centre } => {
+                let xi = matrix * (x - centre);
+                Some(Spot {
+                    xi,
+                    inverse: *matrix,
+                    beyond: self.shape.face_distance(CellPoint(xi)),
+                    inner: None,
+                })
+            }
+            Inverse::Curved { matrix, centre } => {
+                let guess = self.clamp(start.unwrap_or_else(|| matrix * (x - centre)));
+                self.newton(scaffold, x, guess)
+                    .or_else(|| self.newton(scaffold, x, Vec3::zeros()))
+                    .or_else(|| {
+                        self.shape
+                            .vertices()
+                            .into_iter()
+                            .find_map(|v| self.newton(scaffold, x, v))
+                    })
+            }
+        }
+    }
+
+    /// The spot of any point, by the affine map at the centroid if all else fails.
+    pub fn spot_anyway(&self, scaffold: &Scaffold, x: Vec3) -> Spot {
+        self.spot(scaffold, x, f64::INFINITY, None)
+            .unwrap_or_else(|| {
+                let (Inverse::Affine { matrix, centre } | Inverse::Curved { matrix, centre }) =
+                    &self.inverse;
+                let xi = matrix * (x - centre);
+                Spot {
+                    xi,
+                    inverse: *matrix,
+                    beyond: self.shape.face_distance(CellPoint(xi)),
+                    inner: None,
+                }
+            })
+    }
+
+    /// Newton's method for the continued map: steps from points of the closed cell, clamped back.
+    fn newton(&self, scaffold: &Scaffold, x: Vec3, guess: Vec3) -> Option<Spot> {
+        const STEPS: usize = 40;
+        let element = scaffold.element(self.number);
+        let mut at = guess;
+        for _ in 0..STEPS {
+            let (p, jacobian) = element.map_and_jacobian(CellPoint(at));
+            let inverse = jacobian.try_inverse()?;
+            let xi = at + inverse * (x - p.0);
+            let beyond = self.shape.face_distance(CellPoint(xi));
+            let next = if beyond > 0.0 { self.clamp(xi) } else { xi };
+            let moved = (next - at).amax();
+            // Inside, convergence is quadratic: the next step would be the square of this one.
+            let settled = if beyond > 0.0 { 1e-11 } else { 1e-7 };
+            if moved < settled {
+                return Some(Spot {
+                    xi,
+                    inverse,
+                    beyond,
+                    inner: (beyond > 0.0).then_some(p.0),
+                });
+            }
+            at = next;
+        }
+        None
+    }
+
+    /// The closest point of the closed reference cell.
+    pub fn clamp(&self, xi: Vec3) -> Vec3 {
+        clamp_to_cell(self.shape, xi)
+    }
+
+    /// m(x): how far outside the element, world units; continuous, at most 0 inside.
+    pub fn overshoot(&self, x: Vec3, spot: &Spot) -> f64 {
+        match (&self.inverse, spot.inner) {
+            (Inverse::Affine { .. }, _) => self.outside_walls(x),
+            (Inverse::Curved { .. }, Some(inner)) => (x - inner).norm(),
+            (Inverse::Curved { .. }, None) => 0.0,
+        }
+    }
+
+    /// How deep a point of the element lies under its faces, world units: 0 on the faces.
+    pub fn depth(&self, x: Vec3, spot: &Spot) -> f64 {
+        match &self.inverse {
+            Inverse::Affine { .. } => -self.outside_walls(x),
+            Inverse::Curved { .. } => -spot.beyond * self.least_stretch,
+        }
+        .max(0.0)
+    }
+
+    /// Follows the element's own map from `spot` by `step` in world space, to the point `to`.
+    pub fn follow(&self, scaffold: &Scaffold, spot: &Spot, step: Vec3, to: Vec3) -> Spot {
+        let ahead = spot.xi + spot.inverse * step;
+        match &self.inverse {
+            Inverse::Affine { .. } => Spot { xi: ahead, ..*spot },
+            Inverse::Curved { .. } => {
+                // One Newton step, from the clamped point so that the Jacobian is regular.
+                let from = self.clamp(ahead);
+                let (p, jacobian) = scaffold
+                    .element(self.number)
+                    .map_and_jacobian(CellPoint(from));
+                let inverse = jacobian.try_inverse().unwrap_or(spot.inverse);
+                Spot {
+                    xi: from + inverse * (to - p.0),
+                    inverse,
+                    ..*spot
+                }
+            }
+        }
+    }
+
+    /// The world point of reference coordinates inside the element.
+    pub fn point(&self, scaffold: &Scaffold, xi: Vec3) -> Vec3 {
+        scaffold.element(self.number).map(CellPoint(xi)).0
+    }
+
+    /// The world point and the Jacobian at reference coordinates inside the element.
+    pub fn frame(&self, scaffold: &Scaffold, xi: Vec3) -> (Vec3, Mat3) {
+        let (p, jacobian) = scaffold
+            .element(self.number)
+            .map_and_jacobian(CellPoint(xi));
+        (p.0, jacobian)
+    }
+
+    /// Whether the map is affine.
+    pub fn is_affine(&self) -> bool {
+        matches!(self.inverse, Inverse::Affine { .. })
+    }
+
+    /// The reference element's shape.
+    pub fn shape(&self) -> Element {
+        self.shape
+    }
+}
+
+/// The Euclidean projection onto the closed reference cell (tet or hex).
+pub(super) fn clamp_to_cell(shape: Element, xi: Vec3) -> Vec3 {
+    if shape != Element::Tet {
+        return xi.map(|c| c.clamp(-0.5, 0.5));
+    }
+    // The tet is regular, so its barycentric coordinates are an isometry (up to scale) onto the
+    // standard simplex of R^4, whose projection subtracts a common threshold and drops negatives.
+    const FACES: [[f64; 3]; 4] = [
+        [1.0, 1.0, 1.0],
+        [1.0, -1.0, -1.0],
+        [-1.0, 1.0, -1.0],
+        [-1.0, -1.0, 1.0],
+    ];
+    let lambda = FACES.map(|n| (0.5 - Vec3::from(n).dot(&xi)) / 2.0);
+    if lambda.iter().all(|&l| l >= 0.0) {
+        return xi;
+    }
+    let mut sorted = lambda;
+    sorted.sort_unstable_by(|a, b| b.total_cmp(a));
+    let (mut sum, mut threshold) = (0.0, 0.0);
+    for (n, &l) in sorted.iter().enumerate() {
+        sum += l;
+        let t = (sum - 1.0) / (n + 1) as f64;
+        if l > t {
+            threshold = t;
+        }
+    }
+    FACES
+        .iter()
+        .zip(lambda)
+        .map(|(&n, l)| Vec3::from(n) * (-0.5 * (l - threshold).max(0.0)))
+        .sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn clamping_is_the_euclidean_projection() {
+        // The projection y of x satisfies (x - y) . (v - y) <= 0 for all vertices v.
+        for shape in [Element::Tet, Element::Hex] {
+            for n in 0..4096u32 {
+                let x = Vec3::new(
+                    f64::from(n % 16) / 6.0 - 1.25,
+                    f64::from(n / 16 % 16) / 6.0 - 1.2,
+                    f64::from(n / 256) / 6.0 - 1.15,
+                );
+                let y = clamp_to_cell(shape, x);
+                assert!(shape.face_distance(CellPoint(y)) < 1e-12);
+                for v in shape.vertices() {
+                    assert!((x - y).dot(&(v - y)) < 1e-12, "{shape:?} {x:?} {y:?}");
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,90 @@
+//! Rule Q: distance as the field times a positive scale, blended over faces.
+
+use super::near::{Local, Owner};
+use super::patch::{Patch, Spot};
+use super::{CellField, Distance, TiledSolid};
+use crate::frame::{CellPoint, Vec3};
+
+/// Newton steps are damped where the slope is below this fraction of its mean.
+const DAMPING: f64 = 0.05;
+/// Scales beyond this many times the mean distance per field unit are cut off.
+const STEEPEST: f64 = 10.0;
+
+impl<C: CellField> TiledSolid<'_, C> {
+    /// The distance d(F) at a point of the scaffold, clamped to the band; the boundary not regarded.
+    pub(super) fn distance(&self, local: &Local, at: Owner, x: Vec3) -> f64 {
+        let w = self.options.half_width;
+        let f = self.cell.value(CellPoint(at.spot.xi));
+        // Every scale is at least 1 / L.
+        if f.abs() >= w * local.near.slope_sup {
+            return w.copysign(f);
+        }
+        let d = self.fast(local, at, x, f);
+        match self.options.distance {
+            Distance::Fast => d,
+            Distance::Exact => self.exact(local, x, d),
+        }
+    }
+
+    /// Rule Q.
+    fn fast(&self, local: &Local, at: Owner, x: Vec3, f: f64) -> f64 {
+        let w = self.options.half_width;
+        let delta = self.delta();
+        let patch = self.patch(local, at.place);
+        let own = self.scale(patch, &at.spot, x);
+        let depth = patch.depth(x, &at.spot);
+        if depth >= delta {
+            return (f * own).clamp(-w, w);
+        }
+        // In order of element numbers, so that both sides of a face sum alike.
+        let (mut sum, mut weights) = (0.0, 0.0);
+        for place in 0..local.near.patches.len() {
+            if place == at.place {
+                sum += own;
+                weights += 1.0;
+                continue;
+            }
+            let Some(spot) = self.spot(local, place, x, delta) else {
+                continue;
+            };
+            let patch = self.patch(local, place);
+            let weight = 1.0 - patch.overshoot(x, &spot).max(depth) / delta;
+            if weight > 0.0 {
+                sum += weight * self.scale(patch, &spot, x);
+                weights += weight;
+            }
+        }
+        (f * sum / weights).clamp(-w, w)
+    }
+
+    /// The cell's value and its gradient in world space.
+    pub(super) fn slope(&self, spot: &Spot) -> (f64, Vec3) {
+        let (f, g) = self.cell.value_and_gradient(CellPoint(spot.xi));
+        (f, spot.inverse.tr_mul(&g))
+    }
+
+    /// s_e: distance per field unit at `x`, by two damped Newton steps with one element's own field.
+    fn scale(&self, patch: &Patch, spot: &Spot, x: Vec3) -> f64 {
+        let damping = (DAMPING * patch.slope_rms).powi(2);
+        let longest = 2.0 * self.options.half_width;
+        let step = |f: f64, g: Vec3| {
+            let step = g * (-f / (g.norm_squared() + damping));
+            let length = step.norm();
+            if length > longest {
+                step * (longest / length)
+            } else {
+                step
+            }
+        };
+        let (f0, g0) = self.slope(spot);
+        let s = if f0.abs() < 1e-9 * patch.slope_rms * self.options.voxel_size {
+            g0.norm() / (g0.norm_squared() + damping)
+        } else {
+            let first = step(f0, g0);
+            let ahead = patch.follow(self.scaffold, spot, first, x + first);
+            let (f1, g1) = self.slope(&ahead);
+            (first + step(f1, g1)).norm() / f0.abs()
+        };
+        s.min(STEEPEST / patch.slope_rms).max(1.0 / patch.slope_sup)
+    }
+}

@@ -1,0 +1,28 @@
+//! What a tiling asks of a unit cell.
+
+use crate::cell::Table;
+use crate::field::Field;
+use crate::frame::{CellPoint, Element};
+
+/// A field of the cell frame that can fill a scaffold: smooth, defined beyond its element too (a
+/// periodic series is), with known slopes.
+pub trait CellField: Field<Point = CellPoint<3>> {
+    /// The element it fills.
+    fn element(&self) -> Element;
+    /// Bound of the gradient's length over the element, per unit of reference length.
+    fn gradient_sup(&self) -> f64;
+    /// The gradient's root mean square on the surface inside the element (gamma).
+    fn gradient_rms(&self) -> f64;
+}
+
+impl CellField for Table {
+    fn element(&self) -> Element {
+        Self::element(self)
+    }
+    fn gradient_sup(&self) -> f64 {
+        Self::gradient_sup(self)
+    }
+    fn gradient_rms(&self) -> f64 {
+        Self::gradient_rms(self)
+    }
+}
