@@ -138,6 +138,10 @@ fn of_part(
             continue;
         }
         let (domain, bounds) = local(c.kind, net, &part, &c.bend);
+        let domain = domain.intersection(inner);
+        if domain.is_empty() {
+            continue;
+        }
         of_part(
             c,
             Some((net, part)),
