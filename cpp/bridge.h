@@ -121,7 +121,9 @@ std::unique_ptr<Grid> grid_fog(const Grid&, const Host&);
 
 // leaves.cc: what a tree holds
 std::unique_ptr<LeafTable> leaf_table(const Grid&);
-rust::Vec<Tile> grid_tiles(const Grid&);
+rust::Vec<Tile> grid_tiles(const Grid&, bool everything);
+void grid_edit(Grid&, rust::Slice<const std::int32_t> origins, rust::Slice<const std::uint64_t> masks,
+               rust::Slice<const float> values, rust::Slice<const std::int32_t> tiles, float fill, const Host&);
 void grid_values(const Grid&, rust::Slice<const std::int32_t> voxels, rust::Slice<float> values);
 void grid_samples(const Grid&, rust::Slice<const double> points, rust::Slice<float> values);
 

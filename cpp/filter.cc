@@ -15,22 +15,22 @@ using Worker = tools::LevelSetFilter<FloatGrid>;
 // in between and must be thrown away.
 template <typename Work>
 void filtered(Grid& handle, const Smoothing& how, const Host& host, Work&& work) {
-  Interrupter interrupter(host);
+  ThrowingInterrupter interrupter(host);
   in_arena(host, [&] {
-    Worker worker(floats(handle), interrupter.get());
+    Worker worker(floats(handle), &interrupter);
     worker.setSpatialScheme(how.high_order ? math::HJWENO5_BIAS : math::FIRST_BIAS);
     worker.setGrainSize(1);
     if (how.normalisations >= 0) worker.setNormCount(how.normalisations);
-    work(worker, interrupter);
+    work(worker);
   });
-  if (interrupter.wasInterrupted()) throw std::runtime_error("interrupted");
+  if (host_cancelled(host)) throw std::runtime_error("interrupted");
 }
 
 }  // namespace
 
 void grid_filter(Grid& handle, Filter kind, Smoothing how, const Host& host) {
-  filtered(handle, how, host, [&](Worker& worker, Interrupter& interrupter) {
-    for (int n = 0; n < how.iterations && !interrupter.wasInterrupted(); ++n) {
+  filtered(handle, how, host, [&](Worker& worker) {
+    for (int n = 0; n < how.iterations; ++n) {
       switch (kind) {
         case Filter::Mean: worker.mean(how.width); break;
         case Filter::Gaussian: worker.gaussian(how.width); break;
@@ -45,11 +45,11 @@ void grid_filter(Grid& handle, Filter kind, Smoothing how, const Host& host) {
 
 void grid_offset(Grid& handle, double offset, Smoothing how, const Host& host) {
   filtered(handle, how, host,
-           [&](Worker& worker, Interrupter&) { worker.offset(static_cast<float>(offset)); });
+           [&](Worker& worker) { worker.offset(static_cast<float>(offset)); });
 }
 
 void grid_renormalise(Grid& handle, Smoothing how, const Host& host) {
-  filtered(handle, how, host, [&](Worker& worker, Interrupter&) { worker.track(); });
+  filtered(handle, how, host, [&](Worker& worker) { worker.track(); });
 }
 
 }  // namespace druse

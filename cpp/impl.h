@@ -45,11 +45,13 @@ inline openvdb::FloatGrid& floats(Grid& grid) {
 }
 
 // Asks Rust, at most every 20 ms and from any thread, whether to go on. Once stopped it stays so.
-class Interrupter final : public openvdb::util::NullInterrupter {
+class Interrupter : public openvdb::util::NullInterrupter {
  public:
   explicit Interrupter(const Host& host) : host_(host) {}
 
-  bool wasInterrupted(int = -1) override {
+  bool wasInterrupted(int = -1) override { return stopped(); }
+
+  bool stopped() {
     if (stopped_.load(std::memory_order_relaxed)) return true;
     const auto now = std::chrono::steady_clock::now().time_since_epoch();
     const auto ms = std::chrono::duration_cast<std::chrono::milliseconds>(now).count();
@@ -59,12 +61,22 @@ class Interrupter final : public openvdb::util::NullInterrupter {
     return stopped_;
   }
 
-  openvdb::util::NullInterrupter* get() { return this; }
-
  private:
   const Host& host_;
   std::atomic<bool> stopped_{false};
   std::atomic<std::chrono::milliseconds::rep> next_{0};
+};
+
+// The same, but leaves by an exception: a filter that is told to stop would otherwise go through the
+// motions of its remaining passes, copying and dilating the whole grid in each.
+class ThrowingInterrupter final : public Interrupter {
+ public:
+  using Interrupter::Interrupter;
+
+  bool wasInterrupted(int = -1) override {
+    if (stopped()) throw std::runtime_error("interrupted");
+    return false;
+  }
 };
 
 // Runs `work` on as many threads as the host allows; exceptions come through. The arena is its own,

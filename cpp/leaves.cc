@@ -2,6 +2,7 @@
 #include "impl.h"
 
 #include <openvdb/tools/Interpolation.h>
+#include <openvdb/tools/Prune.h>
 
 #include <algorithm>
 
@@ -38,7 +39,7 @@ rust::Slice<const float> LeafTable::values(std::size_t index) const {
   return {impl->leaves.at(index)->buffer().data(), Leaf::SIZE};
 }
 
-rust::Vec<Tile> grid_tiles(const Grid& handle) {
+rust::Vec<Tile> grid_tiles(const Grid& handle, bool everything) {
   const auto& tree = floats(handle).tree();
   rust::Vec<Tile> tiles;
   auto it = tree.cbeginValueAll();
@@ -46,7 +47,7 @@ rust::Vec<Tile> grid_tiles(const Grid& handle) {
   for (; it; ++it) {
     const CoordBBox box = it.getBoundingBox();
     // Background outside is what a tree without the tile would say.
-    if (!it.isValueOn() && *it >= 0) continue;
+    if (!everything && !it.isValueOn() && *it >= 0) continue;
     Tile tile{};
     for (int a = 0; a < 3; ++a) tile.origin[a] = box.min()[a];
     tile.edge = box.dim()[0];
@@ -55,6 +56,27 @@ rust::Vec<Tile> grid_tiles(const Grid& handle) {
     tiles.push_back(tile);
   }
   return tiles;
+}
+
+void grid_edit(Grid& handle, rust::Slice<const std::int32_t> origins, rust::Slice<const std::uint64_t> masks,
+               rust::Slice<const float> values, rust::Slice<const std::int32_t> tiles, float fill, const Host& host) {
+  const std::size_t count = origins.size() / 3;
+  if (masks.size() != 8 * count || values.size() != 512 * count || tiles.size() % 4 != 0)
+    throw std::invalid_argument("leaf slices disagree");
+  auto& tree = floats(handle).tree();
+  for (std::size_t n = 0; n < count; ++n) {
+    Leaf* leaf = tree.probeLeaf(Coord(origins[3 * n], origins[3 * n + 1], origins[3 * n + 2]));
+    if (!leaf) throw std::out_of_range("a leaf to be edited is not there");
+    std::copy_n(values.data() + 512 * n, 512, leaf->buffer().data());
+    Leaf::NodeMaskType mask;
+    for (int w = 0; w < 8; ++w) mask.getWord<std::uint64_t>(w) = masks[8 * n + w];
+    leaf->setValueMask(mask);
+  }
+  for (std::size_t n = 0; n + 4 <= tiles.size(); n += 4) {
+    const Index level = tiles[n + 3] == 8 ? 1 : tiles[n + 3] == 128 ? 2 : 3;
+    tree.addTile(level, Coord(tiles[n], tiles[n + 1], tiles[n + 2]), fill, false);
+  }
+  in_arena(host, [&] { tools::pruneLevelSet(tree); });
 }
 
 void grid_values(const Grid& handle, rust::Slice<const std::int32_t> voxels, rust::Slice<float> values) {

@@ -39,22 +39,36 @@ use crate::frame::{Aabb, Transform, Vec3};
 use crate::progress::{Progress, Threads};
 use cxx::UniquePtr;
 
+mod bits;
 mod builder;
+mod camera;
+mod check;
+mod drop;
 mod error;
 mod ffi;
 mod file;
 mod fog;
 mod hash;
+mod index;
+pub mod isolate;
 mod leaves;
+mod memory;
 mod mesh;
 mod ops;
+mod pieces;
+mod render;
 mod write;
 
 pub use builder::LevelSetBuilder;
+pub use check::{GradientStatistics, LevelSetCheck};
+pub use drop::Dropped;
 pub use error::{FileError, VdbError};
 pub use file::{FileInfo, GridInfo, info, read};
 pub use fog::Fog;
 pub use leaves::{LeafView, Leaves, TileView};
+pub use memory::{peak_memory, resident_memory};
+pub use pieces::Piece;
+pub use render::{Image, Picture};
 pub use write::{Compression, VdbWriter, Written};
 
 /// How accurately the narrow band is kept a distance after each step of a filter.

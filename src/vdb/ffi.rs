@@ -86,14 +86,17 @@ mod bridge {
         normalisations: i32,
     }
 
-    /// A picture of `columns` x `rows` samples; the ray of sample (i, j) starts at
-    /// `eye + (i + 1/2) du + (j + 1/2) dv` and runs along `forward`, or from `eye` through that point.
+    /// A picture of `columns` x `rows` samples: the ray of sample (i, j) passes through
+    /// `corner + (i + 1/2) du + (j + 1/2) dv`, coming from `eye` or, without perspective, along
+    /// `forward`. What lies beyond `cut` on `cut_axis` (0 to 2; -1: no cut), on the eye's side, is
+    /// left away. `light` points to the light.
     struct Camera {
         eye: [f64; 3],
         corner: [f64; 3],
         du: [f64; 3],
         dv: [f64; 3],
         forward: [f64; 3],
+        light: [f64; 3],
         perspective: bool,
         columns: usize,
         rows: usize,
@@ -145,8 +148,19 @@ mod bridge {
         fn len(self: &LeafTable) -> usize;
         fn head(self: &LeafTable, index: usize) -> Result<LeafHead>;
         fn values(self: &LeafTable, index: usize) -> Result<&[f32]>;
-        /// Active tiles, and inactive ones that are inside.
-        fn grid_tiles(grid: &Grid) -> Result<Vec<Tile>>;
+        /// Active tiles and inactive ones that are inside, or all tiles of all nodes.
+        fn grid_tiles(grid: &Grid, everything: bool) -> Result<Vec<Tile>>;
+        /// Overwrites leaves that are there (3 coordinates, 8 mask words, 512 values each), makes
+        /// tiles (3 coordinates and edge each) inactive with value `fill`, and prunes.
+        fn grid_edit(
+            grid: Pin<&mut Grid>,
+            origins: &[i32],
+            masks: &[u64],
+            values: &[f32],
+            tiles: &[i32],
+            fill: f32,
+            host: &Host<'_>,
+        ) -> Result<()>;
         /// 3 indices a value.
         fn grid_values(grid: &Grid, voxels: &[i32], values: &mut [f32]) -> Result<()>;
         /// 3 world coordinates a value; trilinear.
@@ -229,7 +243,8 @@ mod bridge {
             host: &Host<'_>,
         ) -> Result<i32>;
 
-        /// Four numbers a sample: depth along the ray (infinite: missed) and unit normal.
+        /// Six numbers a sample: depth along the ray (infinite: missed), unit normal, 1 on the cut
+        /// and 0 on the surface, 1 in the light and 0 in shadow.
         fn grid_trace(
             grid: &Grid,
             camera: &Camera,

@@ -92,7 +92,7 @@ pub struct FileInfo {
     pub bytes: u64,
     /// Metadata of the file itself.
     pub metadata: Vec<(String, String)>,
-    /// Its grids, in the file's order.
+    /// Its grids, in order of name.
     pub grids: Vec<GridInfo>,
     /// Content hash over all grids; absent when a grid holds no floats.
     pub content_hash: Option<String>,
@@ -122,10 +122,9 @@ pub fn info(path: &Path) -> Result<FileInfo, FileError> {
     let names = file.names().map_err(damaged)?;
     let mut hash = Some(ContentHash::default());
     let mut grids = Vec::with_capacity(names.len());
-    let mut order: Vec<_> = (0..names.len()).collect();
-    order.sort_by_key(|&index| &names[index]); // of the hash
-    for index in order {
-        let name = &names[index];
+    let mut order: Vec<_> = names.iter().enumerate().collect();
+    order.sort_by_key(|&(_, name)| name);
+    for (index, name) in order {
         let grid = ffi::file_read(file.pin_mut(), index).map_err(damaged)?;
         let facts = ffi::grid_facts(&grid).map_err(damaged)?;
         if facts.grid_type == FLOATS {
@@ -139,9 +138,8 @@ pub fn info(path: &Path) -> Result<FileInfo, FileError> {
             name: name.clone(),
             ..GridInfo::from_facts(facts)
         };
-        grids.push((index, info));
+        grids.push(info);
     }
-    grids.sort_by_key(|(index, _)| *index);
     let metadata = file.metadata().map_err(damaged)?;
     Ok(FileInfo {
         version: file.version(),
@@ -150,7 +148,7 @@ pub fn info(path: &Path) -> Result<FileInfo, FileError> {
             .map_err(|e| FileError::io(path, e))?
             .len(),
         metadata: metadata.into_iter().map(|m| (m.key, m.value)).collect(),
-        grids: grids.into_iter().map(|(_, info)| info).collect(),
+        grids,
         content_hash: hash.map(|h| h.finish()),
     })
 }

@@ -53,7 +53,7 @@ fn add_grid(
         hasher.update(&bytes);
     }
 
-    let mut tiles = tiles_of(grid)?;
+    let mut tiles = tiles_of(grid, false)?;
     tiles.retain(|t| t.active);
     hasher.update(&(tiles.len() as u64).to_le_bytes());
     for tile in tiles {

@@ -125,7 +125,7 @@ impl LevelSet {
     /// # Errors
     /// Only what OpenVDB itself refuses (memory).
     pub fn tiles(&self) -> Result<Vec<TileView>, VdbError> {
-        tiles_of(&self.grid).map_err(|e| VdbError::plain("listing tiles", &e))
+        tiles_of(&self.grid, false).map_err(|e| VdbError::plain("listing tiles", &e))
     }
 
     /// Signed distances at voxels, world units, negative inside; minus or plus the half width of the
@@ -154,8 +154,12 @@ impl LevelSet {
     }
 }
 
-pub(super) fn tiles_of(grid: &ffi::Grid) -> Result<Vec<TileView>, cxx::Exception> {
-    let mut tiles: Vec<TileView> = ffi::grid_tiles(grid)?
+/// Tiles in order of origin: all, or those that are active or inside.
+pub(super) fn tiles_of(
+    grid: &ffi::Grid,
+    everything: bool,
+) -> Result<Vec<TileView>, cxx::Exception> {
+    let mut tiles: Vec<TileView> = ffi::grid_tiles(grid, everything)?
         .into_iter()
         .map(|t| TileView {
             origin: Coord(t.origin),
@@ -164,6 +168,6 @@ pub(super) fn tiles_of(grid: &ffi::Grid) -> Result<Vec<TileView>, cxx::Exception
             active: t.active,
         })
         .collect();
-    tiles.sort_by_key(|t| t.origin);
+    tiles.sort_by_key(|t| (t.origin, t.edge));
     Ok(tiles)
 }

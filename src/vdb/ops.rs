@@ -212,7 +212,7 @@ impl LevelSet {
     }
 
     /// Lets OpenVDB change the grid; after a failure the level set is empty, not half-done.
-    fn change(
+    pub(super) fn change(
         &mut self,
         doing: &'static str,
         session: Session<'_>,

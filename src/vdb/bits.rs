@@ -1,0 +1,158 @@
+//! Sets of voxels of one leaf as 512 bits (word = x, bit = 8 y + z), and their connected parts.
+
+/// A set of voxels of one leaf.
+pub(super) type Bits = [u64; 8];
+
+const Z_FIRST: u64 = 0x0101_0101_0101_0101;
+const Z_LAST: u64 = Z_FIRST << 7;
+
+/// The set of voxels whose value satisfies `test`.
+pub(super) fn select(values: &[f32; 512], test: impl Fn(f32) -> bool) -> Bits {
+    let mut bits = [0; 8];
+    for (word, slab) in bits.iter_mut().zip(values.chunks_exact(64)) {
+        for (n, &v) in slab.iter().enumerate() {
+            *word |= u64::from(test(v)) << n;
+        }
+    }
+    bits
+}
+
+pub(super) fn is_empty(bits: &Bits) -> bool {
+    bits.iter().all(|&w| w == 0)
+}
+
+pub(super) fn count(bits: &Bits) -> u64 {
+    bits.iter().map(|w| u64::from(w.count_ones())).sum()
+}
+
+pub(super) fn has(bits: &Bits, offset: usize) -> bool {
+    bits[offset >> 6] >> (offset & 63) & 1 == 1
+}
+
+pub(super) fn insert(bits: &mut Bits, offset: usize) {
+    bits[offset >> 6] |= 1 << (offset & 63);
+}
+
+/// The set and its neighbours across faces.
+fn grown(bits: &Bits) -> Bits {
+    let mut out = [0; 8];
+    for x in 0..8 {
+        let w = bits[x];
+        let along_z = (w & !Z_LAST) << 1 | (w & !Z_FIRST) >> 1;
+        out[x] |= w | along_z | w << 8 | w >> 8;
+        if x > 0 {
+            out[x - 1] |= w;
+        }
+        if x < 7 {
+            out[x + 1] |= w;
+        }
+    }
+    out
+}
+
+/// The parts of a set that hang together across faces, by their first voxel.
+pub(super) fn parts(mut set: Bits) -> Vec<Bits> {
+    let mut parts = Vec::new();
+    while let Some(x) = set.iter().position(|&w| w != 0) {
+        let mut part = [0; 8];
+        part[x] = 1 << set[x].trailing_zeros();
+        loop {
+            let mut next = grown(&part);
+            for (n, s) in next.iter_mut().zip(&set) {
+                *n &= s;
+            }
+            if next == part {
+                break;
+            }
+            part = next;
+        }
+        for (s, p) in set.iter_mut().zip(&part) {
+            *s &= !p;
+        }
+        parts.push(part);
+    }
+    parts
+}
+
+/// The voxels of a set on one face of the leaf, as bits that face the same bits of the neighbour:
+/// `axis` 0 to 2, `last` or first layer.
+pub(super) fn face(bits: &Bits, axis: usize, last: bool) -> Bits {
+    let mut out = [0; 8];
+    match (axis, last) {
+        (0, false) => out[0] = bits[0],
+        (0, true) => out[0] = bits[7],
+        (1, false) => (0..8).for_each(|x| out[x] = bits[x] & 0xff),
+        (1, true) => (0..8).for_each(|x| out[x] = bits[x] >> 56),
+        (_, false) => (0..8).for_each(|x| out[x] = bits[x] & Z_FIRST),
+        (_, true) => (0..8).for_each(|x| out[x] = bits[x] >> 7 & Z_FIRST),
+    }
+    out
+}
+
+pub(super) fn meet(a: &Bits, b: &Bits) -> bool {
+    a.iter().zip(b).any(|(a, b)| a & b != 0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn parts_are_those_of_a_flood_fill() {
+        let mut state = 1u32;
+        for density in [20, 40, 60, 80] {
+            let mut set = [0; 8];
+            for n in 0..512 {
+                state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+                if state >> 16 & 127 < density {
+                    insert(&mut set, n);
+                }
+            }
+            let mut seen = [0; 8];
+            let mut expected = Vec::new();
+            for start in 0..512 {
+                if !has(&set, start) || has(&seen, start) {
+                    continue;
+                }
+                let mut part = [0; 8];
+                let mut stack = vec![start];
+                while let Some(n) = stack.pop() {
+                    if has(&part, n) || !has(&set, n) {
+                        continue;
+                    }
+                    insert(&mut part, n);
+                    insert(&mut seen, n);
+                    for shift in [0, 3, 6] {
+                        let c = n >> shift & 7;
+                        if c > 0 {
+                            stack.push(n - (1 << shift));
+                        }
+                        if c < 7 {
+                            stack.push(n + (1 << shift));
+                        }
+                    }
+                }
+                expected.push(part);
+            }
+            assert_eq!(parts(set), expected);
+        }
+    }
+
+    #[test]
+    fn faces_face_each_other() {
+        for axis in 0..3 {
+            let step = [64, 8, 1][axis];
+            for n in 0..512usize {
+                let c = [n >> 6, n >> 3 & 7, n & 7][axis];
+                if c != 7 {
+                    continue;
+                }
+                let (mut here, mut there) = ([0; 8], [0; 8]);
+                insert(&mut here, n);
+                insert(&mut there, n - 7 * step);
+                assert!(meet(&face(&here, axis, true), &face(&there, axis, false)));
+                assert!(is_empty(&face(&here, axis, false)));
+            }
+        }
+    }
+}

@@ -1,0 +1,129 @@
+//! Where a picture is taken from: a camera whose frame fits a box exactly.
+
+use super::ffi;
+use crate::frame::{Aabb, Vec3};
+
+/// A view of a box: from `towards_eye`, z up, filling a frame of given shape but for a margin.
+pub(super) struct View {
+    pub eye: Vec3,
+    pub right: Vec3,
+    pub up: Vec3,
+    pub forward: Vec3,
+    corner: Vec3,
+    du: Vec3,
+    dv: Vec3,
+    perspective: bool,
+    columns: usize,
+    rows: usize,
+}
+
+/// Share of the frame left free on each side.
+const MARGIN: f64 = 0.05;
+/// Half the angle of view of a perspective picture: 30 degrees over the larger side.
+const HALF_ANGLE: f64 = 15.0 * std::f64::consts::PI / 180.0;
+
+impl View {
+    /// `columns` x `rows` square samples. Row 0 is at the top.
+    pub fn fit(
+        bounds: Aabb,
+        towards_eye: Vec3,
+        perspective: bool,
+        columns: usize,
+        rows: usize,
+    ) -> Self {
+        let forward = -towards_eye.normalize();
+        let pole = if forward.z.abs() > 0.999 {
+            Vec3::y()
+        } else {
+            Vec3::z()
+        };
+        let right = forward.cross(&pole).normalize();
+        let up = right.cross(&forward);
+        let centre = bounds.centre().0;
+        let radius = bounds.half_diagonal().max(f64::MIN_POSITIVE);
+        let corners = (0..8).map(|n| {
+            let pick = |a: usize| {
+                if n >> a & 1 == 0 {
+                    bounds.min[a]
+                } else {
+                    bounds.max[a]
+                }
+            };
+            Vec3::new(pick(0), pick(1), pick(2)) - centre
+        });
+        // Far enough that the whole sphere around the box is in front.
+        let distance = if perspective {
+            radius / HALF_ANGLE.sin()
+        } else {
+            2.0 * radius
+        };
+        let eye = centre - forward * distance;
+        // The box's shadow on the plane through the centre.
+        let mut low = [f64::INFINITY; 2];
+        let mut high = [f64::NEG_INFINITY; 2];
+        for c in corners {
+            let scale = if perspective {
+                distance / (distance + c.dot(&forward))
+            } else {
+                1.0
+            };
+            for (a, axis) in [right, up].iter().enumerate() {
+                low[a] = low[a].min(c.dot(axis) * scale);
+                high[a] = high[a].max(c.dot(axis) * scale);
+            }
+        }
+        let fill = 1.0 - 2.0 * MARGIN;
+        let size = [0, 1].map(|a| (high[a] - low[a]).max(1e-9 * radius));
+        let pixel = (size[0] / (fill * columns as f64)).max(size[1] / (fill * rows as f64));
+        let middle = [0, 1].map(|a| f64::midpoint(low[a], high[a]));
+        // Rays start on a plane in front of everything, or pass through the plane of the centre.
+        let plane = if perspective { centre } else { eye };
+        let corner = plane
+            + right * (middle[0] - pixel * columns as f64 / 2.0)
+            + up * (middle[1] + pixel * rows as f64 / 2.0);
+        Self {
+            eye,
+            right,
+            up,
+            forward,
+            corner,
+            du: right * pixel,
+            dv: -up * pixel,
+            perspective,
+            columns,
+            rows,
+        }
+    }
+
+    /// Edge of a sample at the distance of the centre, world units.
+    pub fn pixel(&self) -> f64 {
+        self.du.norm()
+    }
+
+    /// Position relative to the eye of what sample (i, j) sees at a depth along its ray.
+    pub fn position(&self, i: usize, j: usize, depth: f64) -> Vec3 {
+        let through =
+            self.corner + self.du * (i as f64 + 0.5) + self.dv * (j as f64 + 0.5) - self.eye;
+        if self.perspective {
+            through.normalize() * depth
+        } else {
+            through + self.forward * depth
+        }
+    }
+
+    pub fn camera(&self, light: Vec3, cut: Option<(usize, f64)>) -> ffi::Camera {
+        ffi::Camera {
+            eye: self.eye.into(),
+            corner: self.corner.into(),
+            du: self.du.into(),
+            dv: self.dv.into(),
+            forward: self.forward.into(),
+            light: light.into(),
+            perspective: self.perspective,
+            columns: self.columns,
+            rows: self.rows,
+            cut_axis: cut.map_or(-1, |(axis, _)| axis as i32),
+            cut: cut.map_or(0.0, |(_, at)| at),
+        }
+    }
+}

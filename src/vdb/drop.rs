@@ -1,0 +1,333 @@
+//! Removing whole pieces: small ones, all but the largest, voids.
+//!
+//! A removed piece takes its part of the band along: the voxels on the other side of its surface
+//! whose steepest descent leads to it. Where a surface that stays comes within the band of those
+//! voxels, their distance to it is found by marching from the voxels that it owns; everything else
+//! becomes background.
+
+use super::bits::{self, Bits};
+use super::ffi;
+use super::index::{FACES, LeafIndex, offset};
+use super::pieces::{Pieces, Side};
+use super::{LevelSet, Piece, Session, VdbError};
+use crate::frame::Coord;
+use std::cmp::Reverse;
+use std::collections::{BinaryHeap, HashMap};
+
+/// What an operation removed.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Dropped {
+    /// Number of pieces.
+    pub pieces: usize,
+    /// Volume of their voxels, world units cubed.
+    pub volume: f64,
+}
+
+impl LevelSet {
+    /// Removes every piece of the solid but the largest (of equals, the first in order of place).
+    ///
+    /// # Errors
+    /// [`VdbError::Cancelled`], or what OpenVDB refuses.
+    pub fn keep_largest(&mut self, session: Session<'_>) -> Result<Dropped, VdbError> {
+        self.drop_pieces(Side::Solid, session, |number, _| number > 0)
+    }
+
+    /// Removes every piece of the solid whose volume (world units cubed) is smaller than `volume`.
+    ///
+    /// # Errors
+    /// As [`LevelSet::keep_largest`].
+    pub fn drop_small(&mut self, volume: f64, session: Session<'_>) -> Result<Dropped, VdbError> {
+        self.drop_pieces(Side::Solid, session, |_, piece| piece.volume < volume)
+    }
+
+    /// Fills every void whose volume (world units cubed) is at most `volume`; infinity fills all.
+    /// What it reports are voids.
+    ///
+    /// # Errors
+    /// As [`LevelSet::keep_largest`].
+    pub fn fill_voids(&mut self, volume: f64, session: Session<'_>) -> Result<Dropped, VdbError> {
+        self.drop_pieces(Side::Void, session, |_, piece| piece.volume <= volume)
+    }
+
+    fn drop_pieces(
+        &mut self,
+        side: Side,
+        session: Session<'_>,
+        unwanted: impl Fn(usize, &Piece) -> bool,
+    ) -> Result<Dropped, VdbError> {
+        let leaves = self.leaves()?;
+        let index = LeafIndex::new(self, &leaves, side == Side::Void)?;
+        let found = Pieces::find(&index, side, self.voxel_size(), session)?;
+        let chosen: Vec<bool> = (found.pieces.iter().enumerate())
+            .map(|(n, piece)| found.endless != Some(n) && unwanted(n, piece))
+            .collect();
+        let mut dropped = Dropped::default();
+        for (piece, _) in found.pieces.iter().zip(&chosen).filter(|(_, c)| **c) {
+            dropped.pieces += 1;
+            dropped.volume += piece.volume;
+        }
+        if dropped.pieces == 0 {
+            return Ok(dropped);
+        }
+        let edit = Removal::new(self, &index, &found, &chosen, side).edit();
+        drop(leaves);
+        self.change("removing pieces", session, |grid, host| {
+            let Edit {
+                origins,
+                masks,
+                values,
+                tiles,
+                fill,
+            } = edit;
+            ffi::grid_edit(
+                grid,
+                origins.as_flattened(),
+                masks.as_flattened(),
+                values.as_flattened(),
+                tiles.as_flattened(),
+                fill,
+                host,
+            )
+        })?;
+        Ok(dropped)
+    }
+}
+
+/// Leaves to be overwritten, and tiles (origin and edge) to be filled with a value.
+struct Edit {
+    origins: Vec<[i32; 3]>,
+    masks: Vec<Bits>,
+    values: Vec<[f32; 512]>,
+    tiles: Vec<[i32; 4]>,
+    fill: f32,
+}
+
+/// The removal in terms of `psi`: the distance, negated where voids are removed, so that removed
+/// voxels have psi <= 0 and the other side of their surface psi > 0.
+struct Removal<'a> {
+    index: &'a LeafIndex<'a>,
+    found: &'a Pieces,
+    chosen: &'a [bool],
+    /// Voxels of chosen pieces, for the leaves that have any.
+    removed: HashMap<usize, Bits>,
+    /// +1 when solid is removed, -1 when voids are.
+    sign: f32,
+    background: f32,
+    voxel_size: f32,
+    /// Leaves in reach of the removed voxels.
+    patch: Vec<usize>,
+}
+
+impl<'a> Removal<'a> {
+    fn new(
+        level_set: &LevelSet,
+        index: &'a LeafIndex<'a>,
+        found: &'a Pieces,
+        chosen: &'a [bool],
+        side: Side,
+    ) -> Self {
+        let mut removed = HashMap::new();
+        let mut patch = Vec::new();
+        // The band reaches that many leaves further.
+        let rings = (level_set.half_width() / 8.0).ceil() as i32;
+        for leaf in 0..index.leaves.len() {
+            let bits = found.chosen_in(leaf, chosen);
+            if bits::is_empty(&bits) {
+                continue;
+            }
+            removed.insert(leaf, bits);
+            let o = index.leaves[leaf].origin;
+            for x in -rings..=rings {
+                for y in -rings..=rings {
+                    for z in -rings..=rings {
+                        patch.extend(index.leaf(o.offset(8 * x, 8 * y, 8 * z)));
+                    }
+                }
+            }
+        }
+        patch.sort_unstable();
+        patch.dedup();
+        Self {
+            index,
+            found,
+            chosen,
+            removed,
+            sign: if side == Side::Solid { 1.0 } else { -1.0 },
+            background: level_set.background() as f32,
+            voxel_size: level_set.voxel_size() as f32,
+            patch,
+        }
+    }
+
+    fn is_removed(&self, voxel: Coord) -> bool {
+        let bits = self.index.leaf(voxel).and_then(|l| self.removed.get(&l));
+        bits.is_some_and(|bits| bits::has(bits, offset(voxel)))
+    }
+
+    fn psi(&self, voxel: Coord) -> (f32, bool) {
+        let (value, active) = self.index.value(voxel);
+        (self.sign * value, active)
+    }
+
+    fn edit(self) -> Edit {
+        let lost = self.lost();
+        let marched = self.march(&lost);
+        let fill = self.sign * self.background;
+        let mut edit = Edit {
+            origins: Vec::with_capacity(lost.len()),
+            masks: Vec::with_capacity(lost.len()),
+            values: Vec::with_capacity(lost.len()),
+            tiles: Vec::new(),
+            fill,
+        };
+        for &leaf in &self.patch {
+            let Some(bits) = lost.get(&leaf) else {
+                continue;
+            };
+            let view = &self.index.leaves[leaf];
+            let (mut mask, mut values) = (view.mask, *view.values);
+            for n in (0..512).filter(|&n| bits::has(bits, n)) {
+                let near = marched.get(&view.voxel(n));
+                values[n] = near.map_or(fill, |psi| self.sign * psi);
+                mask[n >> 6] &= !(1 << (n & 63));
+                mask[n >> 6] |= u64::from(near.is_some()) << (n & 63);
+            }
+            edit.origins.push(view.origin.0);
+            edit.masks.push(mask);
+            edit.values.push(values);
+        }
+        for (n, tile) in self.index.tiles.iter().enumerate() {
+            let piece = self.found.piece_of[self.found.tiles_from + n];
+            if self.chosen.get(piece) == Some(&true) {
+                let [x, y, z] = tile.origin.0;
+                edit.tiles.push([x, y, z, tile.edge]);
+            }
+        }
+        edit
+    }
+
+    /// Removed voxels and those of the other side that they own, by leaf of the patch.
+    fn lost(&self) -> HashMap<usize, Bits> {
+        let mut lost = self.removed.clone();
+        // The other side of the band, nearest to its surface first: a voxel's steepest descent then
+        // leads to one whose owner is known.
+        let mut far: Vec<(f32, Coord)> = Vec::new();
+        for &leaf in &self.patch {
+            let view = &self.index.leaves[leaf];
+            far.extend((0..512).filter(|&n| view.is_active(n)).filter_map(|n| {
+                let psi = self.sign * view.values[n];
+                let voxel = view.voxel(n);
+                // Zero is on the void's side: a void's own voxels have psi <= 0.
+                (psi >= 0.0 && !self.is_removed(voxel)).then_some((psi, voxel))
+            }));
+        }
+        far.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        let is_lost = |lost: &HashMap<usize, Bits>, voxel: Coord| {
+            let bits = self.index.leaf(voxel).and_then(|leaf| lost.get(&leaf));
+            bits.is_some_and(|bits| bits::has(bits, offset(voxel)))
+        };
+        for (psi, voxel) in far {
+            let mut steepest = (0.0, None);
+            for n in (0..27).filter(|&n| n != 13) {
+                let step = [n / 9 - 1, n / 3 % 3 - 1, n % 3 - 1];
+                let beside = voxel.offset(step[0], step[1], step[2]);
+                let length = (step.iter().map(|s| s * s).sum::<i32>() as f32).sqrt();
+                let slope = (psi - self.psi(beside).0) / length;
+                if slope > steepest.0 {
+                    steepest = (slope, Some(beside));
+                }
+            }
+            if steepest.1.is_some_and(|to| is_lost(&lost, to))
+                && let Some(leaf) = self.index.leaf(voxel)
+            {
+                bits::insert(lost.entry(leaf).or_insert([0; 8]), offset(voxel));
+            }
+        }
+        lost
+    }
+
+    /// Distances of lost voxels to the surfaces that stay, as far as the band reaches: first-order
+    /// upwind marching from the voxels that are not lost.
+    fn march(&self, lost: &HashMap<usize, Bits>) -> HashMap<Coord, f32> {
+        let is_lost = |voxel: Coord| {
+            let bits = self.index.leaf(voxel).and_then(|leaf| lost.get(&leaf));
+            bits.is_some_and(|bits| bits::has(bits, offset(voxel)))
+        };
+        let mut known: HashMap<Coord, f32> = HashMap::new();
+        let mut heap: BinaryHeap<Reverse<(u32, Coord)>> = BinaryHeap::new();
+        // The distance that the known neighbours of a lost voxel give it.
+        let solve = |voxel: Coord, known: &HashMap<Coord, f32>| {
+            let mut axes = [f32::INFINITY; 3];
+            for (f, [x, y, z]) in FACES.into_iter().enumerate() {
+                let beside = voxel.offset(x, y, z);
+                let psi = if is_lost(beside) {
+                    known.get(&beside).copied()
+                } else {
+                    let (psi, active) = self.psi(beside);
+                    active.then_some(psi)
+                };
+                axes[f / 2] = axes[f / 2].min(psi.unwrap_or(f32::INFINITY));
+            }
+            // A lost voxel stays on its side of the surface.
+            upwind(axes, self.voxel_size).max(1e-3 * self.voxel_size)
+        };
+        // Positive floats sort as their bits.
+        let offer = |voxel: Coord, psi: f32, heap: &mut BinaryHeap<_>| {
+            if psi < self.background {
+                heap.push(Reverse((psi.to_bits(), voxel)));
+            }
+        };
+        for &leaf in &self.patch {
+            let Some(bits) = lost.get(&leaf) else {
+                continue;
+            };
+            let view = &self.index.leaves[leaf];
+            for n in (0..512).filter(|&n| bits::has(bits, n)) {
+                offer(view.voxel(n), solve(view.voxel(n), &known), &mut heap);
+            }
+        }
+        while let Some(Reverse((psi, voxel))) = heap.pop() {
+            if known.contains_key(&voxel) {
+                continue;
+            }
+            known.insert(voxel, f32::from_bits(psi));
+            for [x, y, z] in FACES {
+                let beside = voxel.offset(x, y, z);
+                if is_lost(beside) && !known.contains_key(&beside) {
+                    offer(beside, solve(beside, &known), &mut heap);
+                }
+            }
+        }
+        known
+    }
+}
+
+/// Solves |grad psi| = 1 upwind from the least neighbour on each axis.
+fn upwind(mut axes: [f32; 3], h: f32) -> f32 {
+    axes.sort_by(f32::total_cmp);
+    let mut psi = axes[0] + h;
+    for n in 2..=3 {
+        if psi <= axes[n - 1] || axes[n - 1].is_infinite() {
+            break;
+        }
+        let sum: f32 = axes[..n].iter().sum();
+        let squares: f32 = axes[..n].iter().map(|a| a * a).sum();
+        let count = n as f32;
+        let root = (sum * sum - count * (squares - h * h)).max(0.0).sqrt();
+        psi = (sum + root) / count;
+    }
+    psi
+}
+
+#[cfg(test)]
+mod tests {
+    use super::upwind;
+
+    #[test]
+    fn upwind_is_exact_for_planes() {
+        let s = 1.0 / 3f32.sqrt();
+        assert_eq!(upwind([2.0, f32::INFINITY, f32::INFINITY], 0.5), 2.5);
+        let oblique = upwind([1.0 - s, 1.0 - s, 1.0 - s], 1.0);
+        assert!((oblique - 1.0).abs() < 1e-6, "{oblique}");
+    }
+}

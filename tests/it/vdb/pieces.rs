@@ -1,0 +1,155 @@
+//! Pieces and voids: counting, and removing without a trace in what stays.
+
+use super::{THREADS, ball, complement, cube, intersection, level_set, session, sphere, union};
+use druse::field::{BoxSolid, Sphere};
+use druse::frame::{Aabb, Coord, Vec3};
+use druse::vdb::{LeafView, LevelSet};
+
+fn at(x: f64, y: f64, z: f64, radius: f64) -> Sphere {
+    Sphere {
+        centre: Vec3::new(x, y, z),
+        radius,
+    }
+}
+
+fn grid(half: i32) -> Vec<Coord> {
+    (-half..half)
+        .flat_map(|x| (-half..half).flat_map(move |y| (-half..half).map(move |z| (x, y, z))))
+        .map(|(x, y, z)| Coord::new(x, y, z))
+        .collect()
+}
+
+fn difference(a: &LevelSet, b: &LevelSet, voxels: &[Coord]) -> f32 {
+    let (a, b) = (a.values(voxels).unwrap(), b.values(voxels).unwrap());
+    let differences = a.iter().zip(&b).map(|(a, b)| (a - b).abs());
+    differences.fold(0.0, f32::max)
+}
+
+#[test]
+fn pieces_are_those_of_the_solid_not_of_its_surfaces() {
+    let hollow = intersection(at(0.0, 0.0, 0.0, 12.0), complement(at(0.0, 0.0, 0.0, 8.0)));
+    let s = level_set(&union(hollow, at(0.0, 0.0, 0.0, 4.0)), cube(12.0), 0.5);
+    let pieces = s.components(session()).unwrap();
+    assert_eq!(pieces.len(), 2);
+    for (piece, exact) in pieces.iter().zip([ball(12.0) - ball(8.0), ball(4.0)]) {
+        assert!((piece.volume / exact - 1.0).abs() < 0.02, "{pieces:?}");
+    }
+    let voids = s.voids(session()).unwrap();
+    assert_eq!(voids.len(), 1);
+    let exact = ball(8.0) - ball(4.0);
+    assert!((voids[0].volume / exact - 1.0).abs() < 0.02, "{voids:?}");
+}
+
+#[test]
+fn large_insides_are_joined_through_their_tiles() {
+    // Tiles of 8^3 and 128^3 inside, and a void that has tiles of its own.
+    let block = |min, max| {
+        BoxSolid(Aabb {
+            min: Vec3::repeat(min),
+            max: Vec3::repeat(max),
+        })
+    };
+    let field = intersection(block(-10.0, 270.0), complement(block(30.0, 100.0)));
+    let s = level_set(&field, block(-10.0, 270.0).0, 1.0);
+    assert!(s.tiles().unwrap().iter().any(|t| t.edge == 128));
+    let voids = s.voids(session()).unwrap();
+    assert_eq!(voids.len(), 1);
+    // Zero is outside: the voxels on a face are the void's, not the solid's.
+    assert_eq!(voids[0].voxels, 71u64.pow(3));
+    let solid = s.components(session()).unwrap();
+    assert_eq!(solid.len(), 1);
+    assert_eq!(solid[0].voxels, 279u64.pow(3) - 71u64.pow(3));
+}
+
+#[test]
+fn diagonal_contact_is_no_contact() {
+    let s = level_set(
+        &union(
+            BoxSolid(Aabb {
+                min: Vec3::repeat(-6.2),
+                max: Vec3::repeat(-0.2),
+            }),
+            BoxSolid(Aabb {
+                min: Vec3::repeat(0.2),
+                max: Vec3::repeat(6.2),
+            }),
+        ),
+        cube(7.0),
+        1.0,
+    );
+    assert_eq!(s.components(session()).unwrap().len(), 2);
+}
+
+#[test]
+fn dropped_pieces_leave_no_trace() {
+    let main = at(0.0, 0.0, 0.0, 10.0);
+    // One crumb far away, two whose bands overlap with the sphere's (1.0 and 0.6 voxels of gap).
+    let crumbs = union(
+        at(-14.0, -14.0, -14.0, 1.2),
+        union(at(12.0, 0.0, 0.0, 1.5), at(0.0, 0.0, -12.3, 2.0)),
+    );
+    let voxel = 0.5;
+    let mut s = level_set(&union(main, crumbs), cube(16.0), voxel);
+    assert_eq!(s.components(session()).unwrap().len(), 4);
+    let dropped = s.keep_largest(session()).unwrap();
+    assert_eq!(dropped.pieces, 3);
+    let exact = ball(1.2) + ball(1.5) + ball(2.0);
+    assert!((dropped.volume / exact - 1.0).abs() < 0.1, "{dropped:?}");
+    assert_eq!(s.components(session()).unwrap().len(), 1);
+    let check = s.check(session()).unwrap();
+    assert!(check.passed(), "{:?}", check.problems());
+
+    let clean = sphere(10.0, voxel);
+    let worst = difference(&s, &clean, &grid(36));
+    // Only where a crumb's band overlapped is the distance marched anew, to first order.
+    assert!(worst < 0.35 * voxel as f32, "{worst}");
+    let (mesh, expected) = (
+        s.to_mesh(session()).unwrap(),
+        clean.to_mesh(session()).unwrap(),
+    );
+    assert!((mesh.volume() / expected.volume() - 1.0).abs() < 1e-6);
+    // A crumb beyond reach changes nothing at all.
+    let far: Vec<Coord> = grid(36)
+        .into_iter()
+        .filter(|v| v[0] < 0 && v[2] > -10)
+        .collect();
+    assert_eq!(difference(&s, &clean, &far), 0.0);
+}
+
+#[test]
+fn small_pieces_go_by_volume() {
+    let field = union(
+        at(0.0, 0.0, 0.0, 8.0),
+        union(at(20.0, 0.0, 0.0, 4.0), at(-20.0, 0.0, 0.0, 2.0)),
+    );
+    let mut s = level_set(&field, cube(25.0), 0.5);
+    let dropped = s.drop_small(ball(3.0), session()).unwrap();
+    assert_eq!(dropped.pieces, 1);
+    assert_eq!(s.components(session()).unwrap().len(), 2);
+    assert_eq!(s.drop_small(ball(3.0), session()).unwrap().pieces, 0);
+    assert_eq!(s.drop_small(f64::INFINITY, session()).unwrap().pieces, 2);
+    let mut active = 0;
+    s.for_each_leaf(|leaf: LeafView<'_>| active += leaf.active().count())
+        .unwrap();
+    assert_eq!(active, 0);
+    assert_eq!(s.tiles().unwrap(), []);
+}
+
+#[test]
+fn voids_are_filled() {
+    let hollow = intersection(
+        at(0.0, 0.0, 0.0, 12.0),
+        complement(union(at(4.0, 0.0, 0.0, 5.0), at(-6.0, 0.0, 0.0, 2.0))),
+    );
+    let mut s = level_set(&hollow, cube(12.0), 0.5);
+    let mut small_only = s.duplicate().unwrap();
+    let filled = small_only.fill_voids(ball(3.0), session()).unwrap();
+    assert_eq!(filled.pieces, 1);
+    assert_eq!(small_only.voids(session()).unwrap().len(), 1);
+    assert_eq!(s.fill_voids(f64::INFINITY, session()).unwrap().pieces, 2);
+    assert!(s.voids(session()).unwrap().is_empty());
+    let check = s.check(session()).unwrap();
+    assert!(check.passed(), "{:?}", check.problems());
+    assert_eq!(difference(&s, &sphere(12.0, 0.5), &grid(30)), 0.0);
+    assert_eq!(THREADS.count(), 2);
+}
