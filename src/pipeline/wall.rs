@@ -2,8 +2,8 @@
 //!
 //! A ball that touches the surface at p, with inward normal n, and passes through another surface
 //! point q has its centre at p + r n with r = |q - p|^2 / (2 (q - p).n), and sees the two contacts
-//! under an angle t when (q - p).n = |q - p| sin(t / 2). Only contacts with t >= 100 degrees are looked
-//! at: 90, below which a ball sits in an edge, and 10 for the noise of normals, since right edges are
+//! under an angle t when (q - p).n = |q - p| sin(t / 2). Only contacts with t >= 100 degrees, whose
+//! own normal is turned as far against n, are looked at: 90, below which a ball sits in an edge, and 10 for the noise of normals, since right edges are
 //! everywhere. The least such r is found by a shrinking ball: start from a large one, take the nearest q to its centre, shrink until q lies on
 //! it, repeat (Ma, Bae and Choi 2012). The ball counts if it is inscribed, that is if no other part
 //! of the surface reaches into it; in convex edges one does, and they say nothing about walls.
@@ -19,6 +19,8 @@ const SAMPLES: usize = 20_000;
 const STEPS: usize = 40;
 /// Sine of half the least angle under which two contacts are opposite.
 const OPPOSITE: f64 = 0.766;
+/// Cosine of that angle: of the normals at two opposite contacts.
+const TURNED: f64 = -0.174;
 /// A ball is inscribed if the surface reaches no deeper into it than this share of its radius.
 const DEPTH: f64 = 0.1;
 
@@ -39,7 +41,7 @@ pub(super) fn least_wall(
 ) -> Result<Option<Wall>, Cancelled> {
     let points = mesh.vertices();
     let normals = inward_normals(mesh);
-    let tree = Tree::new(points);
+    let tree = Tree::new(points, &normals);
     let widest = mesh.bounds().size().max();
     let stride = points.len().div_ceil(SAMPLES).max(1);
     let samples: Vec<usize> = (0..points.len()).step_by(stride).collect();
@@ -66,9 +68,11 @@ fn inscribed(p: Vec3, inward: Vec3, tree: &Tree, widest: f64) -> Option<Wall> {
     }
     let (mut radius, mut found) = (widest, false);
     for _ in 0..STEPS {
-        let opposite = |q: Vec3| {
-            let d = q - p;
-            d.dot(&inward) >= OPPOSITE * d.norm() && d != Vec3::zeros()
+        let opposite = |q: &Site| {
+            let d = q.place - p;
+            d.dot(&inward) >= OPPOSITE * d.norm()
+                && d != Vec3::zeros()
+                && q.inward.dot(&inward) <= TURNED
         };
         let centre = p + inward * radius;
         let Some(q) = tree.nearest_within(centre, radius * (1.0 - 5e-3), opposite) else {
@@ -107,17 +111,27 @@ fn inward_normals(mesh: &TriMesh) -> Vec<Vec3> {
 
 /// A balanced k-d tree over points, in place: the median of a range is its root.
 struct Tree {
-    points: Vec<Vec3>,
+    sites: Vec<Site>,
+}
+
+/// A point of the surface and the normal into the solid there.
+#[derive(Clone, Copy)]
+struct Site {
+    place: Vec3,
+    inward: Vec3,
 }
 
 /// Ranges of at most this many points are searched one by one.
 const BUCKET: usize = 8;
 
 impl Tree {
-    fn new(points: &[Vec3]) -> Self {
-        let mut points = points.to_vec();
-        build(&mut points, 0);
-        Self { points }
+    fn new(points: &[Vec3], normals: &[Vec3]) -> Self {
+        let sites = points.iter().zip(normals);
+        let mut sites: Vec<Site> = sites
+            .map(|(&place, &inward)| Site { place, inward })
+            .collect();
+        build(&mut sites, 0);
+        Self { sites }
     }
 
     /// The point nearest to `centre` that is nearer than `reach` and `counts`.
@@ -125,21 +139,21 @@ impl Tree {
         &self,
         centre: Vec3,
         reach: f64,
-        counts: impl Fn(Vec3) -> bool,
+        counts: impl Fn(&Site) -> bool,
     ) -> Option<Vec3> {
         let mut best = (reach * reach, None);
-        search(&self.points, 0, centre, &counts, &mut best);
+        search(&self.sites, 0, centre, &counts, &mut best);
         best.1
     }
 }
 
-fn build(points: &mut [Vec3], axis: usize) {
-    if points.len() <= BUCKET {
+fn build(sites: &mut [Site], axis: usize) {
+    if sites.len() <= BUCKET {
         return;
     }
-    let middle = points.len() / 2;
-    points.select_nth_unstable_by(middle, |a, b| a[axis].total_cmp(&b[axis]));
-    let (left, right) = points.split_at_mut(middle);
+    let middle = sites.len() / 2;
+    sites.select_nth_unstable_by(middle, |a, b| a.place[axis].total_cmp(&b.place[axis]));
+    let (left, right) = sites.split_at_mut(middle);
     let next = (axis + 1) % 3;
     if middle > 1 << 14 {
         rayon::join(|| build(left, next), || build(&mut right[1..], next));
@@ -150,30 +164,30 @@ fn build(points: &mut [Vec3], axis: usize) {
 }
 
 fn search(
-    points: &[Vec3],
+    sites: &[Site],
     axis: usize,
     centre: Vec3,
-    counts: &impl Fn(Vec3) -> bool,
+    counts: &impl Fn(&Site) -> bool,
     best: &mut (f64, Option<Vec3>),
 ) {
-    let consider = |p: Vec3, best: &mut (f64, Option<Vec3>)| {
-        let distance = (p - centre).norm_squared();
-        if distance < best.0 && counts(p) {
-            *best = (distance, Some(p));
+    let consider = |site: &Site, best: &mut (f64, Option<Vec3>)| {
+        let distance = (site.place - centre).norm_squared();
+        if distance < best.0 && counts(site) {
+            *best = (distance, Some(site.place));
         }
     };
-    if points.len() <= BUCKET {
-        points.iter().for_each(|&p| consider(p, best));
+    if sites.len() <= BUCKET {
+        sites.iter().for_each(|site| consider(site, best));
         return;
     }
-    let middle = points.len() / 2;
-    let root = points[middle];
+    let middle = sites.len() / 2;
+    let root = &sites[middle];
     let next = (axis + 1) % 3;
-    let offset = centre[axis] - root[axis];
+    let offset = centre[axis] - root.place[axis];
     let (near, far) = if offset < 0.0 {
-        (&points[..middle], &points[middle + 1..])
+        (&sites[..middle], &sites[middle + 1..])
     } else {
-        (&points[middle + 1..], &points[..middle])
+        (&sites[middle + 1..], &sites[..middle])
     };
     search(near, next, centre, counts, best);
     consider(root, best);
@@ -249,7 +263,7 @@ mod tests {
         let points: Vec<Vec3> = (0..500)
             .map(|_| bounds.size().map(|s| s * next()))
             .collect();
-        let tree = Tree::new(&points);
+        let tree = Tree::new(&points, &points);
         for _ in 0..200 {
             let c = Vec3::from_fn(|_, _| next());
             let scan = points
