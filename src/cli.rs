@@ -18,15 +18,24 @@ use std::panic::AssertUnwindSafe;
 use std::process::ExitCode;
 
 mod answer;
+mod cell;
+mod check;
 mod completions;
 mod failure;
+mod fit;
+mod info;
+mod kind;
 mod man;
 mod new;
+mod points;
+mod preview;
 mod progress;
 mod run;
+mod scaffold;
 mod schema;
 mod session;
 mod signals;
+mod vdb;
 
 use answer::Answer;
 use failure::Failure;
@@ -49,9 +58,9 @@ struct Cli {
 
 /// The table of subcommands: name, parameters, and the function that answers.
 macro_rules! commands {
-    ($($(#[$doc:meta])* $name:ident => $module:ident,)*) => {
+    ($($(#[$meta:meta])* $name:ident => $module:ident,)*) => {
         #[derive(Subcommand)]
-        enum Command { $($(#[$doc])* $name($module::Parameters),)* }
+        enum Command { $($(#[$meta])* $name($module::Parameters),)* }
 
         impl Command {
             fn answer(self, session: &Session) -> Result<Answer, Failure> {
@@ -64,6 +73,18 @@ macro_rules! commands {
 commands! {
     /// Run a recipe: from its sources to its files.
     Run => run,
+    /// Fit a symmetric cell to a mesh or a named surface.
+    Fit => fit,
+    /// Look into a cell.
+    Cell => cell,
+    /// Look into a scaffold.
+    Scaffold => scaffold,
+    /// Say what a file is: any that Druse reads.
+    Info => info,
+    /// Check a mesh or a level set; exit code 1 when it fails.
+    Check => check,
+    /// Draw a shaded picture of a level set, mesh, cell or scaffold.
+    Preview => preview,
     /// Write a commented recipe to start from.
     New => new,
     /// Print the JSON schema of recipes.
@@ -72,6 +93,9 @@ commands! {
     Completions => completions,
     /// Write the manual pages.
     Man => man,
+    /// Read a .vdb within limits and describe it on one line; what `info` and `check` run first.
+    #[command(hide = true)]
+    InspectVdb => vdb,
 }
 
 /// The whole grammar of the command line.

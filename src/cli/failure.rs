@@ -268,6 +268,20 @@ impl From<RunError> for Failure {
                 DATA,
                 Some("look at the level of the cell, and at walls thinner than a voxel".into()),
             ),
+            RunError::Scaffold { file, element, .. } => {
+                return Self {
+                    code: DATA,
+                    message,
+                    file: file.map(|f| f.display().to_string()),
+                    element,
+                    ..Self::default()
+                };
+            }
+            RunError::Mixed(_) => (
+                DATA,
+                Some("split the mesh by shape, or mesh it with one kind of element".into()),
+            ),
+            RunError::Cell { .. } | RunError::Tiling(_) => (DATA, None),
             RunError::Overwrite(_) => (CREATE, Some("name it otherwise, or use --out DIR".into())),
             RunError::Threads(_) => (IO, None),
             RunError::Band { .. } | RunError::LevelSet { .. } | RunError::Strict { .. } => {

@@ -2,8 +2,9 @@
 
 use super::progress::{Display, Style};
 use super::signals::Signals;
-use crate::pipeline::Warning;
-use crate::progress::Progress;
+use super::Failure;
+use crate::pipeline::{RunError, Warning};
+use crate::progress::{Progress, Threads};
 use clap::{Args, ValueEnum};
 use std::io::IsTerminal;
 
@@ -118,10 +119,24 @@ impl Session {
         ));
     }
 
+    /// A warning of a command's own; an error with `--strict`.
+    pub(super) fn warn_of(&self, code: &'static str, message: String) -> Result<(), Failure> {
+        if self.strict() {
+            return Err(RunError::Strict { code, message }.into());
+        }
+        self.warn(&Warning { code, message });
+        Ok(())
+    }
+
     /// Takes the progress display off the terminal.
     pub(super) fn finish(&self) {
         self.display.finish();
     }
+}
+
+/// A pool of so many threads; 0 means one per core.
+pub(super) fn threads(count: usize) -> Result<Threads, Failure> {
+    Threads::new(count).map_err(|e| RunError::Threads(e.to_string()).into())
 }
 
 impl Progress for Session {

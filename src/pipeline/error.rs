@@ -1,5 +1,6 @@
 //! Why a run stopped: the stage's own error, or a rule that only the whole run knows.
 
+use super::cells::CellFault;
 use crate::band::BandError;
 use crate::frame::Aabb;
 use crate::io::{ReadError, WriteError};
@@ -39,6 +40,30 @@ pub enum RunError {
         /// Why.
         error: VdbError,
     },
+    /// A cell cannot be made.
+    #[error("{key}: {fault}")]
+    Cell {
+        /// The cell's key, as in `cell.strut`.
+        key: String,
+        /// Why not.
+        fault: CellFault,
+    },
+    /// The scaffold cannot be filled.
+    #[error("scaffold: {message}")]
+    Scaffold {
+        /// Its file.
+        file: Option<PathBuf>,
+        /// The element at fault, in the file's numbering.
+        element: Option<u64>,
+        /// What is wrong.
+        message: String,
+    },
+    /// The scaffold has elements of several shapes, and the recipe one cell.
+    #[error("the scaffold has {0} elements; expected elements of one shape")]
+    Mixed(String),
+    /// The cell does not go over the scaffold.
+    #[error("tiling: {0}")]
+    Tiling(String),
     /// Two solids that shall meet lie apart.
     #[error(
         "{left_name} and {right_name} do not meet: {left_name} spans {}, {right_name} spans {}",

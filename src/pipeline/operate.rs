@@ -70,6 +70,7 @@ pub(super) fn apply(
         (width as u32, k.iterations.0)
     };
     let length = |size: &crate::recipe::Size| size.resolve(bench.scale);
+    let mut dropped = None;
     let done = match op {
         Op::Intersect(o) | Op::Union(o) | Op::Subtract(o) => {
             let shape = operand(stock, o, &format!("op.{n}"), bench.scale);
@@ -99,9 +100,16 @@ pub(super) fn apply(
         Op::Laplacian(f) => solid.laplacian(f.iterations.0, session),
         Op::Curvature(f) => solid.curvature(f.iterations.0, session),
         Op::Renormalise(r) => solid.renormalise(r.iterations.0, session),
-        Op::KeepLargest(_) | Op::DropSmall(_) => Ok(()),
+        Op::KeepLargest(false) => Ok(()),
+        Op::KeepLargest(true) => solid.keep_largest(session).map(|d| dropped = Some(d)),
+        Op::DropSmall(d) => solid
+            .drop_small(d.volume.0, session)
+            .map(|d| dropped = Some(d)),
     };
     done.map_err(RunError::level_set(&stage))?;
-    let _ = report;
+    if let Some(dropped) = dropped {
+        report.dropped_components += dropped.pieces as u64;
+        report.dropped_volume += dropped.volume;
+    }
     Ok(())
 }

@@ -4,7 +4,7 @@ use super::error::RunError;
 use super::operate::Bench;
 use super::report::OutputFile;
 use crate::frame::LengthUnit;
-use crate::io::atomic::StagedPath;
+use crate::io::atomic::{StagedPath, write_bytes};
 use crate::mesh::TriMesh;
 use crate::recipe::{Output, OutputKind, Recipe};
 use crate::vdb::{LevelSet, VdbWriter};
@@ -42,18 +42,24 @@ pub(super) fn write(
         OutputKind::Mesh => {
             let Some(mesh) = mesh else { return Ok(None) };
             if factor == 1.0 {
-                super::pending::write_mesh(path, mesh, unit)?;
+                crate::io::write_mesh(path, mesh, unit)?;
             } else {
-                super::pending::write_mesh(path, &mesh.mapped(|v| v * factor), unit)?;
+                crate::io::write_mesh(path, &mesh.mapped(|v| v * factor), unit)?;
             }
             Some(unit)
         }
         OutputKind::Picture => {
-            return Ok(None);
+            let size = output.size.unwrap_or_default();
+            let cut = output.cut.map(|c| (c.axis, c.at));
+            let png = solid
+                .picture(size.0 as usize, size.1 as usize, cut, bench.session())
+                .map_err(RunError::level_set("picture"))?;
+            write_bytes(path, &png)?;
+            None
         }
         OutputKind::Report => return Ok(None),
     };
-    let (bytes, hash) = super::stock::digest(path)?;
+    let (bytes, hash) = super::inputs::digest(path)?;
     Ok(Some(OutputFile {
         path: path.display().to_string(),
         bytes,
@@ -89,7 +95,7 @@ fn write_vdb(
     }
     let text = recipe.source().text();
     file.tag("druse.recipe", &text)?;
-    file.tag("druse.recipe_blake3", &super::stock::hash_text(&text))?;
+    file.tag("druse.recipe_blake3", &super::inputs::hash_text(&text))?;
     file.tag("druse.unit", unit.symbol())?;
     let voxel = bench.scale.voxel_size * factor;
     file.tag("druse.voxel_size", &voxel.to_string())?;

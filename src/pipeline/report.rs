@@ -157,10 +157,10 @@ impl Warning {
     pub const UNITS: &'static str = "W101";
     /// W102: walls thinner than two voxels.
     pub const THIN: &'static str = "W102";
-    /// W103: a mesh that is not closed, repaired by the winding number.
-    pub const OPEN: &'static str = "W103";
-    /// W104: a source that its element does not hold wholly, or barely.
-    pub const PLACE: &'static str = "W104";
+    /// W103: a mesh with defects that were repaired.
+    pub const MESH: &'static str = "W103";
+    /// W104: a cell that fits its source badly.
+    pub const CELL: &'static str = "W104";
     /// W105: a scaffold with doubtful elements.
     pub const SCAFFOLD: &'static str = "W105";
     /// W106: pieces that do not hang together.

@@ -26,7 +26,7 @@ pub(super) fn field_operations(ops: &[Op]) -> usize {
 /// The solid after its field operations, for voxels of one size.
 pub(super) fn shape<'a>(stock: &'a Stock, scale: Scale) -> Result<Shape<'a>, RunError> {
     let sections = stock.recipe.sections();
-    let mut shape = stock.tiled(scale);
+    let mut shape = stock.tiled(scale)?;
     let count = field_operations(&sections.op);
     for (n, op) in sections.op[..count].iter().enumerate() {
         if let Some(operand) = op.operand() {

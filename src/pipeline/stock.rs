@@ -1,31 +1,39 @@
-//! The inputs of a run, read once: meshes, cells, scaffold; what they are and what looks wrong.
+//! What a run is made of, read once: the meshes of its operations, its scaffold, its cell.
 
-use super::error::{RunError, show};
-use super::report::{Input, Report, ScaffoldReport, SolidReport, Warning};
+use super::cells;
+use super::error::RunError;
+use super::inputs::{Inputs, frame_map, hash_text};
+use super::report::{Report, ScaffoldReport, SolidReport, Warning};
 use super::shape::Shape;
-use crate::frame::{Aabb, LengthUnit, Vec3};
-use crate::io::ReadError;
-use crate::mesh::{MeshSolid, TriMesh};
+use crate::cell::{Cell, Table};
+use crate::frame::Vec3;
+use crate::mesh::MeshSolid;
 use crate::progress::{Progress, Threads};
-use crate::recipe::{FileFrame, Operand, Recipe, Scale, Up};
+use crate::recipe::{
+    Boundary, BoxScaffold, Distance, FileFrame, Op, Operand, Recipe, ScaffoldSection, Scale,
+};
+use crate::scaffold::{Kind, Scaffold};
+use crate::tiling::{self, TiledSolid, TilingOptions};
 use std::collections::BTreeMap;
-use std::io::Read;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
-
-/// Boxes that differ by more than this have probably different units.
-const UNLIKELY: f64 = 100.0;
 
 /// Everything a run reads.
 pub(super) struct Stock<'a> {
     /// The recipe.
     pub recipe: &'a Recipe,
+    inputs: Inputs<'a>,
     solids: BTreeMap<String, Arc<MeshSolid>>,
-    paths: Vec<PathBuf>,
-    inputs: Vec<Input>,
-    warnings: Vec<Warning>,
-    scaffold: Option<ScaffoldReport>,
-    strict: bool,
+    tiling: Option<Tiling>,
+}
+
+/// A scaffold and the cell that fills it.
+struct Tiling {
+    scaffold: Scaffold,
+    report: ScaffoldReport,
+    name: String,
+    cell: Cell,
+    table: Table,
 }
 
 impl<'a> Stock<'a> {
@@ -38,35 +46,33 @@ impl<'a> Stock<'a> {
     ) -> Result<Self, RunError> {
         let mut stock = Self {
             recipe,
+            inputs: Inputs::new(recipe, strict),
             solids: BTreeMap::new(),
-            paths: recipe.source().path.iter().cloned().collect(),
-            inputs: Vec::new(),
-            warnings: Vec::new(),
-            scaffold: None,
-            strict,
+            tiling: None,
         };
-        progress.stage("read", None);
-        threads.install(|| stock.load_solids())?;
-        stock.compare_boxes()?;
+        threads.install(|| {
+            progress.stage("read", None);
+            stock.load_solids()?;
+            stock.load_tiling(progress)
+        })?;
+        stock.inputs.compare_boxes()?;
         Ok(stock)
     }
 
     fn load_solids(&mut self) -> Result<(), RunError> {
         let mut seen: Vec<(FileFrame, Arc<MeshSolid>)> = Vec::new();
         for (n, op) in self.recipe.sections().op.iter().enumerate() {
+            let name = op.name();
             let (file, key) = match op.operand() {
-                Some(Operand::Mesh(file)) => (file, format!("op.{n}.{}.mesh", op.name())),
-                Some(Operand::Skin(skin)) => {
-                    (&skin.mesh, format!("op.{n}.{}.skin.mesh", op.name()))
-                }
+                Some(Operand::Mesh(file)) => (file, format!("op.{n}.{name}.mesh")),
+                Some(Operand::Skin(skin)) => (&skin.mesh, format!("op.{n}.{name}.skin.mesh")),
                 _ => continue,
             };
             let known = seen.iter().find(|(f, _)| *f == file.0);
             let solid = if let Some((_, solid)) = known {
                 Arc::clone(solid)
             } else {
-                let mesh = self.read_mesh(&key, file)?;
-                let solid = Arc::new(MeshSolid::new(mesh));
+                let solid = Arc::new(self.inputs.read_solid(&key, file)?);
                 seen.push((file.0.clone(), Arc::clone(&solid)));
                 solid
             };
@@ -75,67 +81,95 @@ impl<'a> Stock<'a> {
         Ok(())
     }
 
-    /// Reads a mesh into the recipe's unit and frame.
-    fn read_mesh(&mut self, key: &str, file: &FileFrame) -> Result<TriMesh, RunError> {
-        let path = self.recipe.resolve(&file.path);
-        let read = super::pending::read_mesh(&path)?;
-        let own = file.unit.map(|u| u.0).or(read.unit);
-        let mesh = framed(&read.mesh, file, own, self.recipe.unit());
-        if mesh.is_empty() {
-            return Err(ReadError::data(
-                &path,
-                crate::io::Place::File,
-                "no triangles",
-                "a mesh with triangles",
-            )
-            .into());
-        }
-        self.record(key, &path, mesh.bounds())?;
-        Ok(mesh)
-    }
-
-    /// Notes an input for the report.
-    fn record(&mut self, key: &str, path: &Path, bounds: Aabb) -> Result<(), RunError> {
-        let (_, hash) = digest(path)?;
-        self.inputs.push(Input {
-            key: key.to_owned(),
-            path: path.display().to_string(),
-            hash,
-            bounds,
-        });
-        self.paths.push(path.to_owned());
-        Ok(())
-    }
-
-    fn warn(&mut self, code: &'static str, message: String) -> Result<(), RunError> {
-        if self.strict {
-            return Err(RunError::Strict { code, message });
-        }
-        self.warnings.push(Warning { code, message });
-        Ok(())
-    }
-
-    /// W101: two inputs whose boxes differ more than a hundredfold.
-    fn compare_boxes(&mut self) -> Result<(), RunError> {
-        let size = |i: &Input| i.bounds.half_diagonal();
-        let world = || self.inputs.iter().filter(|i| !i.key.starts_with("cell."));
-        let least = world().min_by(|a, b| size(a).total_cmp(&size(b)));
-        let most = world().max_by(|a, b| size(a).total_cmp(&size(b)));
-        let Some((least, most)) = least.zip(most) else {
+    fn load_tiling(&mut self, progress: &dyn Progress) -> Result<(), RunError> {
+        let sections = self.recipe.sections();
+        let (Some(section), Some(tiling)) = (&sections.scaffold, &sections.tiling) else {
             return Ok(());
         };
-        if size(most) <= UNLIKELY * size(least) {
-            return Ok(());
+        let (scaffold, path) = self.load_scaffold(section)?;
+        let report = self.judge(&scaffold, path.as_deref())?;
+        let shapes = scaffold.shapes();
+        let [element] = shapes[..] else {
+            let names: Vec<&str> = shapes.iter().map(|s| s.name()).collect();
+            return Err(RunError::Mixed(names.join(" and ")));
+        };
+        let cell_section = &sections.cell[&tiling.cell];
+        progress.stage("cell", None);
+        let key = format!("cell.{}", tiling.cell);
+        let cell = cells::make(&mut self.inputs, &key, cell_section, element, progress)?;
+        let table = Table::new(&cell).map_err(|e| RunError::Cell {
+            key,
+            fault: e.into(),
+        })?;
+        self.tiling = Some(Tiling {
+            scaffold,
+            report,
+            name: tiling.cell.clone(),
+            cell,
+            table,
+        });
+        Ok(())
+    }
+
+    fn load_scaffold(
+        &mut self,
+        section: &ScaffoldSection,
+    ) -> Result<(Scaffold, Option<std::path::PathBuf>), RunError> {
+        let fail = |error| RunError::Scaffold {
+            file: None,
+            element: None,
+            message: format!("{error}"),
+        };
+        if let Some(block) = &section.block {
+            let scaffold = box_scaffold(block, self.recipe.scale()).map_err(fail)?;
+            return Ok((scaffold, None));
         }
-        let message = format!(
-            "units look wrong: {} spans {}, {} spans {} (in {}); say unit = ... for one of them",
-            most.key,
-            show(&most.bounds),
-            least.key,
-            show(&least.bounds),
-            self.recipe.unit()
-        );
-        self.warn(Warning::UNITS, message)
+        let Some(file) = &section.file else {
+            return Err(RunError::Empty("no scaffold".into()));
+        };
+        let path = self.recipe.resolve(&file.path);
+        let read = crate::io::read_scaffold(&path)?.scaffold;
+        let own = file.unit.map(|u| u.0);
+        let map = frame_map(file, own, self.recipe.unit());
+        let scaffold = moved(read, map).map_err(|error| RunError::Scaffold {
+            file: Some(path.clone()),
+            element: None,
+            message: format!("{error}"),
+        })?;
+        self.inputs
+            .record("scaffold.file", &path, scaffold.bounds())?;
+        Ok((scaffold, Some(path)))
+    }
+
+    /// Refuses scaffolds that cannot be filled and warns of those with defects.
+    fn judge(
+        &mut self,
+        scaffold: &Scaffold,
+        path: Option<&Path>,
+    ) -> Result<ScaffoldReport, RunError> {
+        let found = scaffold.validate().map_err(|e| {
+            let (crate::scaffold::InvalidScaffold::Folded(bad, _)
+            | crate::scaffold::InvalidScaffold::Degenerate(bad, _)) = &e;
+            RunError::Scaffold {
+                file: path.map(Path::to_owned),
+                element: Some(bad.number),
+                message: e.to_string(),
+            }
+        })?;
+        for warning in found.warnings() {
+            self.inputs
+                .warn(Warning::SCAFFOLD, format!("scaffold: {warning}"))?;
+        }
+        let kinds = found.kinds.iter();
+        Ok(ScaffoldReport {
+            elements: kinds
+                .map(|(kind, n)| (kind.name().to_owned(), *n as u64))
+                .collect(),
+            inverted: found.folded.len() as u64,
+            hanging: found.defects.hanging.len() as u64,
+            components: found.components as u64,
+            volume: found.volume,
+        })
     }
 
     /// What the finished solid shows: W102 thin walls, W106 loose pieces.
@@ -146,14 +180,14 @@ impl<'a> Stock<'a> {
                 scale.unit,
                 wall / scale.voxel_size
             );
-            self.warn(Warning::THIN, message)?;
+            self.inputs.warn(Warning::THIN, message)?;
         }
         if solid.components > 1 {
             let message = format!(
                 "the solid falls into {} pieces; keep_largest = true keeps one",
                 solid.components
             );
-            self.warn(Warning::PIECES, message)?;
+            self.inputs.warn(Warning::PIECES, message)?;
         }
         Ok(())
     }
@@ -164,103 +198,114 @@ impl<'a> Stock<'a> {
     }
 
     /// The tiled scaffold as a field, if the recipe has one.
-    pub fn tiled(&self, _scale: Scale) -> Option<Shape<'_>> {
-        None
+    pub fn tiled(&self, scale: Scale) -> Result<Option<Shape<'_>>, RunError> {
+        let Some(tiling) = &self.tiling else {
+            return Ok(None);
+        };
+        let sections = self.recipe.sections();
+        let boundary = sections.scaffold.as_ref().map(|s| s.boundary);
+        let options = TilingOptions {
+            voxel_size: scale.voxel_size,
+            half_width: scale.voxel_size * sections.band.half_width.0,
+            distance: match sections.band.distance {
+                Distance::Fast => tiling::Distance::Fast,
+                Distance::Exact => tiling::Distance::Exact,
+            },
+            boundary: match boundary.unwrap_or_default() {
+                Boundary::Cut => tiling::Boundary::Cut,
+                Boundary::Extend => tiling::Boundary::Extend,
+            },
+        };
+        let field = TiledSolid::new(&tiling.scaffold, &tiling.table, options)
+            .map_err(|e| RunError::Tiling(e.to_string()))?;
+        let bounds = tiling.scaffold.bounds();
+        // Where nothing is cut off, an envelope ends the solid; it may reach beyond the scaffold.
+        let extent = match options.boundary {
+            tiling::Boundary::Cut => bounds,
+            tiling::Boundary::Extend => bounds.dilated(bounds.half_diagonal()),
+        };
+        Ok(Some(Shape {
+            field: Box::new(field),
+            extent,
+            name: "the scaffold".into(),
+        }))
     }
 
     /// Elements of the scaffold.
     pub fn elements(&self) -> u64 {
-        self.scaffold
-            .as_ref()
-            .map_or(0, |s| s.elements.values().sum())
+        self.tiling.as_ref().map_or(0, |t| t.scaffold.len() as u64)
     }
 
     /// Volume that the solid's share is taken of: the first envelope's, or the scaffold's.
     pub fn room(&self) -> Option<f64> {
         let ops = &self.recipe.sections().op;
         let envelope = ops.iter().enumerate().find_map(|(n, op)| match op {
-            crate::recipe::Op::Intersect(Operand::Mesh(_)) => Some(self.solid(&format!("op.{n}"))),
+            Op::Intersect(Operand::Mesh(_)) => Some(self.solid(&format!("op.{n}"))),
             _ => None,
         });
         envelope
             .map(|solid| solid.mesh().volume().abs())
-            .or_else(|| self.scaffold.as_ref().map(|s| s.volume))
+            .or_else(|| self.tiling.as_ref().map(|t| t.report.volume))
     }
 
     /// Whether a path is one of the inputs.
     pub fn is_input(&self, path: &Path) -> bool {
-        let real = |p: &Path| std::fs::canonicalize(p).ok();
-        let target = real(path);
-        target.is_some() && self.paths.iter().any(|p| real(p) == target)
+        self.inputs.contains(path)
+    }
+
+    /// Share of the element that the recipe asked of its cell, and that the cell has.
+    pub fn fractions(&self) -> (Option<f64>, Option<f64>) {
+        let Some(tiling) = &self.tiling else {
+            return (None, None);
+        };
+        let asked = self.recipe.sections().cell[&tiling.name].volume_fraction;
+        (asked.map(|f| f.0), Some(tiling.cell.volume_fraction()))
     }
 
     /// The part of the report that the inputs fill in.
     pub fn report(&self) -> Report {
+        let path = self.recipe.source().path.as_ref();
         Report {
             druse: env!("CARGO_PKG_VERSION").into(),
-            recipe: self
-                .recipe
-                .source()
-                .path
-                .as_ref()
-                .map_or(String::new(), |p| p.display().to_string()),
+            recipe: path.map_or(String::new(), |p| p.display().to_string()),
             recipe_blake3: hash_text(&self.recipe.source().text()),
             unit: self.recipe.unit().symbol().into(),
-            inputs: self.inputs.clone(),
-            scaffold: self.scaffold.clone(),
-            warnings: self.warnings.clone(),
+            inputs: self.inputs.files.clone(),
+            scaffold: self.tiling.as_ref().map(|t| t.report.clone()),
+            cells: self
+                .tiling
+                .iter()
+                .map(|t| (t.name.clone(), super::cells::facts(&t.cell)))
+                .collect(),
+            warnings: self.inputs.warnings.clone(),
             ..Report::default()
         }
     }
 }
 
-/// A mesh in the recipe's unit and frame: its own unit, its up axis, then its placement.
-pub(super) fn framed(
-    mesh: &TriMesh,
-    file: &FileFrame,
-    own: Option<LengthUnit>,
-    recipe: LengthUnit,
-) -> TriMesh {
-    let map = frame_map(file, own, recipe);
-    mesh.mapped(map)
-}
-
-/// The change of frame of a file's points.
-pub(super) fn frame_map(
-    file: &FileFrame,
-    own: Option<LengthUnit>,
-    recipe: LengthUnit,
-) -> impl Fn(Vec3) -> Vec3 {
-    let factor = own.map_or(1.0, |u| u.to(recipe));
-    let (matrix, shift) = file.transform.matrix();
-    let up = file.up;
-    move |v| {
-        let v = match up {
-            Up::Z => v,
-            Up::Y => Vec3::new(v.x, -v.z, v.y),
-        };
-        matrix * (v * factor) + shift
+/// A structured box: whole numbers of hexes, as near to the asked size as possible.
+fn box_scaffold(
+    block: &BoxScaffold,
+    scale: Scale,
+) -> Result<Scaffold, crate::scaffold::ScaffoldError> {
+    let size = Vec3::from(block.size.map(|s| s.resolve(scale)));
+    let cell = block.cell_size.resolve(scale);
+    let counts = [size.x, size.y, size.z].map(|s| (s / cell).round().max(1.0) as usize);
+    let origin = Vec3::from(block.origin.map(|o| o.resolve(scale)));
+    let scaffold = Scaffold::box_grid(size, counts, Kind::Hex8)?;
+    if origin == Vec3::zeros() {
+        return Ok(scaffold);
     }
+    moved(scaffold, |v| v + origin)
 }
 
-/// Size and BLAKE3 of a file.
-pub(super) fn digest(path: &Path) -> Result<(u64, String), ReadError> {
-    let failed = |e| ReadError::io(path, e);
-    let mut file = std::fs::File::open(path).map_err(failed)?;
-    let mut hasher = blake3::Hasher::new();
-    let mut buffer = vec![0; 1 << 18];
-    let mut size = 0;
-    loop {
-        let n = file.read(&mut buffer).map_err(failed)?;
-        if n == 0 {
-            return Ok((size, hasher.finalize().to_hex().to_string()));
-        }
-        hasher.update(&buffer[..n]);
-        size += n as u64;
-    }
-}
-
-/// BLAKE3 of a text.
-pub(super) fn hash_text(text: &str) -> String {
-    blake3::hash(text.as_bytes()).to_hex().to_string()
+/// A scaffold with its nodes moved; its elements keep their numbers.
+fn moved(
+    scaffold: Scaffold,
+    map: impl Fn(Vec3) -> Vec3,
+) -> Result<Scaffold, crate::scaffold::ScaffoldError> {
+    let nodes = scaffold.nodes().iter().map(|&v| map(v)).collect();
+    let numbers = (0..scaffold.len()).map(|e| scaffold.number(e)).collect();
+    let elements = scaffold.connectivity().clone();
+    Ok(Scaffold::new(nodes, elements)?.with_numbers(numbers))
 }

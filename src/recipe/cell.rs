@@ -19,7 +19,7 @@ pub struct CellSection {
     /// A closed triangle mesh (.stl, .obj, .ply, .3mf) in the element's reference coordinates.
     #[cfg_attr(feature = "cli", arg(skip))]
     pub mesh: Option<FileRef>,
-    /// A named closed-form surface: `schwarz_p`, diamond, iwp, neovius or frd.
+    /// A named closed-form surface: `schwarz_p`, diamond, iwp, neovius or `f_rd`.
     #[cfg_attr(feature = "cli", arg(skip))]
     pub surface: Option<String>,
     /// A saved `.cell` file.
@@ -35,9 +35,6 @@ pub struct CellSection {
     /// Samples along an edge of the element's cube for the fit.
     #[cfg_attr(feature = "cli", arg(long, value_name = "N"))]
     pub samples: Option<u32>,
-    /// Meet the element's faces at a right angle.
-    #[cfg_attr(feature = "cli", arg(long, num_args = 0..=1, default_missing_value = "true", action = clap::ArgAction::Set))]
-    pub face_normal: Option<bool>,
     /// Where the source stands: "reference", "fit", { scale, rotate, translate } or { vertices }.
     #[cfg_attr(feature = "cli", arg(long))]
     pub place: Option<Place>,
@@ -51,7 +48,7 @@ pub struct CellSection {
     /// Level by the solid's share of the element's volume.
     #[cfg_attr(feature = "cli", arg(long, value_name = "FRACTION"))]
     pub volume_fraction: Option<Fraction>,
-    /// Level by the full local thickness (wall of a sheet, diameter of a strut), in reference lengths.
+    /// Half wall by the full local thickness of a sheet, in reference lengths.
     #[cfg_attr(feature = "cli", arg(long))]
     pub thickness: Option<Positive>,
     /// Which side of the level is solid: below, above, or a sheet around it.

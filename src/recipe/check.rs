@@ -54,6 +54,14 @@ fn cells(sections: &Sections, source: &Source) -> Checked {
             ));
         }
         let sheet = cell.solid == Some(Solid::Sheet);
+        if cell.thickness.is_some() && !sheet {
+            return Err(source
+                .fault(
+                    &format!("{key}.thickness"),
+                    "thickness is the wall of a sheet, but the cell is no sheet",
+                )
+                .hint("add solid = \"sheet\", or set level or volume_fraction"));
+        }
         if sheet && cell.thickness.is_none() && cell.volume_fraction.is_none() {
             return Err(source.fault(
                 &format!("{key}.solid"),

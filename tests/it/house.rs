@@ -1,1 +1,184 @@
-//! Laws of `house`.
+//! The house's own rules: who may use whom, how long a file may be, where `unsafe` stands.
+
+use std::collections::BTreeSet;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// Modules and what each may use; `progress` and `frame` use nothing.
+const MAY_USE: &[(&str, &[&str])] = &[
+    ("frame", &[]),
+    ("progress", &[]),
+    ("field", &["frame"]),
+    ("mesh", &["frame", "field", "progress"]),
+    ("symmetry", &[]),
+    ("cell", &["symmetry", "field", "mesh", "frame", "progress"]),
+    ("scaffold", &["frame", "mesh", "progress"]),
+    ("tiling", &["cell", "scaffold", "field", "frame", "mesh"]),
+    ("band", &["field", "frame", "progress"]),
+    ("vdb", &["frame", "mesh", "band", "progress"]),
+    ("io", &["mesh", "scaffold", "cell", "frame"]),
+    (
+        "recipe",
+        &[
+            "frame", "field", "mesh", "cell", "scaffold", "tiling", "band",
+        ],
+    ),
+    (
+        "pipeline",
+        &[
+            "frame", "progress", "field", "mesh", "cell", "scaffold", "tiling", "band", "vdb",
+            "io", "recipe", "symmetry",
+        ],
+    ),
+    (
+        "cli",
+        &[
+            "frame", "progress", "field", "mesh", "cell", "scaffold", "vdb", "io", "recipe",
+            "pipeline", "symmetry",
+        ],
+    ),
+];
+
+fn root() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+}
+
+/// Files below a folder with one of the extensions.
+fn files(folder: &Path, extensions: &[&str]) -> Vec<PathBuf> {
+    let mut found = Vec::new();
+    let mut folders = vec![folder.to_owned()];
+    while let Some(folder) = folders.pop() {
+        for entry in fs::read_dir(&folder).unwrap() {
+            let path = entry.unwrap().path();
+            if path.is_dir() {
+                folders.push(path);
+            } else if path
+                .extension()
+                .is_some_and(|e| extensions.iter().any(|x| e == *x))
+            {
+                found.push(path);
+            }
+        }
+    }
+    found.sort();
+    found
+}
+
+/// The text without comments and doc tests, where other modules may be named.
+fn code(path: &Path) -> String {
+    let text = fs::read_to_string(path).unwrap();
+    text.lines()
+        .filter(|l| !l.trim_start().starts_with("//"))
+        .map(|l| format!("{l}\n"))
+        .collect()
+}
+
+/// Names that follow `crate::`, groups in braces included.
+fn used(code: &str) -> BTreeSet<String> {
+    let mut names = BTreeSet::new();
+    for rest in code.split("crate::").skip(1) {
+        let word = |s: &str| -> String {
+            s.trim_start()
+                .chars()
+                .take_while(|c| c.is_alphanumeric() || *c == '_')
+                .collect()
+        };
+        if let Some(group) = rest.strip_prefix('{') {
+            let group = &group[..group.find('}').unwrap_or(group.len())];
+            names.extend(group.split(',').map(word));
+        } else {
+            names.insert(word(rest));
+        }
+    }
+    names
+}
+
+#[test]
+fn modules_use_only_what_stands_below_them() {
+    let source = root().join("src");
+    let mut wrong = Vec::new();
+    for path in files(&source, &["rs"]) {
+        let relative = path.strip_prefix(&source).unwrap();
+        let first = relative.iter().next().unwrap().to_str().unwrap();
+        let module = first.trim_end_matches(".rs");
+        if matches!(module, "lib" | "main") {
+            continue;
+        }
+        let (_, allowed) = MAY_USE
+            .iter()
+            .find(|(m, _)| *m == module)
+            .unwrap_or_else(|| panic!("module {module} is not in the list"));
+        for name in used(&code(&path)) {
+            let module_name = MAY_USE.iter().any(|(m, _)| *m == name);
+            if module_name && name != module && !allowed.contains(&name.as_str()) {
+                wrong.push(format!("{} uses {name}", relative.display()));
+            }
+        }
+    }
+    assert!(wrong.is_empty(), "{wrong:#?}");
+}
+
+#[test]
+fn files_have_at_most_500_lines() {
+    let folders = ["src", "cpp", "tests/it", "examples"];
+    let long: Vec<String> = folders
+        .iter()
+        .map(|f| root().join(f))
+        .filter(|f| f.exists())
+        .flat_map(|f| files(&f, &["rs", "cc", "h", "py"]))
+        .filter_map(|path| {
+            let lines = fs::read_to_string(&path).unwrap().lines().count();
+            (lines > 500).then(|| format!("{}: {lines}", path.display()))
+        })
+        .collect();
+    assert!(long.is_empty(), "{long:#?}");
+}
+
+#[test]
+fn unsafe_stands_only_in_the_bridge() {
+    for path in files(&root().join("src"), &["rs"]) {
+        let bridge = path.ends_with("vdb/ffi.rs");
+        let text = code(&path);
+        let has = text.contains("unsafe ") || text.contains("allow(unsafe_code)");
+        assert!(bridge || !has, "{}", path.display());
+    }
+}
+
+#[test]
+fn the_top_level_is_fixed() {
+    let allowed = [
+        "Cargo.toml",
+        "Cargo.lock",
+        "build.rs",
+        "src",
+        "cpp",
+        "tests",
+        "examples",
+        "README.md",
+        "CHANGELOG.md",
+        "LICENSE",
+        "target",
+    ];
+    for entry in fs::read_dir(root()).unwrap() {
+        let name = entry.unwrap().file_name().into_string().unwrap();
+        let dot = name.starts_with('.');
+        assert!(dot || allowed.contains(&name.as_str()), "{name}");
+    }
+}
+
+#[test]
+fn nothing_is_left_to_do() {
+    let marks = [
+        "TO".to_owned() + "DO",
+        "FIX".to_owned() + "ME",
+        "todo".to_owned() + "!(",
+    ];
+    for folder in ["src", "cpp", "tests"] {
+        for path in files(&root().join(folder), &["rs", "cc", "h", "py"]) {
+            let text = fs::read_to_string(&path).unwrap();
+            for mark in &marks {
+                assert!(!text.contains(mark.as_str()), "{}: {mark}", path.display());
+            }
+        }
+    }
+}

@@ -33,7 +33,7 @@ unit = "mm"
 [cell.strut]
 mesh = "strut.stl"
 band_limit = 8
-face_normal = true
+samples = 48
 place = { scale = 2, rotate = [0, 0, 90] }
 [cell.plate]
 surface = "schwarz_p"
@@ -186,6 +186,13 @@ fn rules_between_keys_are_checked_at_their_place() {
             "exactly one source",
         ),
         ("solid = \"below\"", "solid = \"belwo\"", 11, "unknown word"),
+        ("volume_fraction = 0.3", "thickness = 0.3", 10, "no sheet"),
+        (
+            "volume_fraction = 0.3\nsolid = \"below\"",
+            "solid = \"sheet\"",
+            10,
+            "a sheet needs",
+        ),
         (
             "vdb = \"bracket.vdb\"",
             "vdb = \"bracket.stl\"",

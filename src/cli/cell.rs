@@ -1,0 +1,220 @@
+//! `druse cell info` and `druse cell eval`.
+
+use super::{Answer, Failure, Session};
+use crate::cell::Cell;
+use crate::field::Field;
+use crate::frame::{CellPoint, Element, Vec3};
+use crate::io::atomic::write_bytes;
+use crate::io::read_cell;
+use crate::symmetry::{Basis, Lattice, PointGroup, SymmetryError};
+use clap::{Args, Subcommand};
+use serde_json::{Value, json};
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
+
+#[derive(Args)]
+pub(super) struct Parameters {
+    #[command(subcommand)]
+    what: What,
+}
+
+#[derive(Subcommand)]
+enum What {
+    /// What a cell is; with --group the operators, orbits and frequency domain of a group.
+    Info {
+        /// The .cell file, or the name of a surface.
+        #[arg(required_unless_present = "group")]
+        cell: Option<PathBuf>,
+        /// A point group: D3, D4, Td, Oh.
+        #[arg(long, conflicts_with = "cell")]
+        group: Option<String>,
+        /// The group's lattice: square, cubic, hex2 or fcc2 [default: that of its element].
+        #[arg(long, requires = "group")]
+        lattice: Option<String>,
+        /// List orbits of frequencies up to this many cycles per unit of length.
+        #[arg(long, requires = "group", value_name = "R", default_value_t = 2.0)]
+        band_limit: f64,
+    },
+    /// Values and Cartesian gradients of a cell's function at points of the reference cell.
+    Eval {
+        /// The .cell file, or the name of a surface.
+        cell: PathBuf,
+        /// Points: a .csv with the header x,y,z, or a .npy of shape [n, 3].
+        #[arg(long, value_name = "FILE")]
+        points: PathBuf,
+        /// The .csv to write; without it the table is printed.
+        #[arg(short, long, value_name = "FILE")]
+        output: Option<PathBuf>,
+    },
+}
+
+pub(super) fn answer(p: &Parameters, _: &Session) -> Result<Answer, Failure> {
+    match &p.what {
+        What::Info {
+            group: Some(group),
+            lattice,
+            band_limit,
+            ..
+        } => group_info(group, lattice.as_deref(), *band_limit),
+        What::Info { cell, .. } => {
+            let cell = read(cell.as_deref().unwrap_or(Path::new("")))?;
+            Ok(Answer::new(describe(&cell), facts(&cell)))
+        }
+        What::Eval {
+            cell,
+            points,
+            output,
+        } => eval(&read(cell)?, points, output.as_deref()),
+    }
+}
+
+/// A cell from its file, or from the name of a surface.
+fn read(path: &Path) -> Result<Cell, Failure> {
+    match super::fit::surface(path, None)? {
+        Some(cell) => Ok(cell),
+        None => Ok(read_cell(path)?),
+    }
+}
+
+/// What a cell is, as an object.
+pub(super) fn facts(cell: &Cell) -> Value {
+    let series = cell.series();
+    json!({
+        "kind": "cell",
+        "name": cell.name(),
+        "element": cell.element().name(),
+        "group": series.group().name(),
+        "operators": series.group().order(),
+        "lattice": series.lattice().name(),
+        "coefficients": series.coefficients().len(),
+        "degrees_of_freedom": series.degrees_of_freedom(),
+        "band_limit": series.band_limit(),
+        "level": cell.level(),
+        "solid": cell.solid().name(),
+        "volume_fraction": cell.volume_fraction(),
+        "gamma": cell.gamma(),
+        "report": cell.report(),
+    })
+}
+
+/// What a cell is, for people.
+pub(super) fn describe(cell: &Cell) -> String {
+    let series = cell.series();
+    let mut text = format!(
+        "{}: a {} cell, group {} ({} operators), lattice {}\n\
+         {} coefficients, {} degrees of freedom, frequencies up to {:.3} per unit of length\n\
+         solid {} {:.6}, {:.4} of the element, mean slope on the surface {:.4}\n",
+        cell.name(),
+        cell.element().name(),
+        series.group().name(),
+        series.group().order(),
+        series.lattice().name().unwrap_or("of its own"),
+        series.coefficients().len(),
+        series.degrees_of_freedom(),
+        series.band_limit(),
+        cell.solid().name(),
+        cell.level(),
+        cell.volume_fraction(),
+        cell.gamma(),
+    );
+    if let Some(report) = cell.report() {
+        let _ = writeln!(
+            text,
+            "fit: rms {:.5}, greatest on faces {:.5}, kept energy {:.6}",
+            report.rms, report.face_max, report.kept_energy
+        );
+        if let Some(h) = report.hausdorff {
+            let _ = writeln!(text, "fit: Hausdorff distance of the surfaces {:.5}", h.max());
+        }
+        if let Some(source) = report.source {
+            let _ = writeln!(
+                text,
+                "source: {} triangles ({} caps), box {:?} to {:?}, {:.1} % of its area inside",
+                source.triangles,
+                source.caps,
+                source.box_min.map(|c| (c * 1e4).round() / 1e4),
+                source.box_max.map(|c| (c * 1e4).round() / 1e4),
+                100.0 * source.share_inside
+            );
+        }
+    }
+    text
+}
+
+fn group_info(name: &str, lattice: Option<&str>, radius: f64) -> Result<Answer, Failure> {
+    let element = Element::ALL
+        .into_iter()
+        .find(|e| crate::cell::default_group(*e) == name);
+    let default = element.map_or("cubic", |e| crate::cell::lattices(e)[0]);
+    let lattice = lattice.unwrap_or(default);
+    let failed = |e: SymmetryError| Failure::usage(e.to_string());
+    let planar = matches!(lattice, "square" | "hex2");
+    if planar {
+        list_group::<2>(name, lattice, radius).map_err(failed)
+    } else {
+        list_group::<3>(name, lattice, radius).map_err(failed)
+    }
+}
+
+fn list_group<const D: usize>(
+    name: &str,
+    lattice: &str,
+    radius: f64,
+) -> Result<Answer, SymmetryError> {
+    let lattice_name = lattice;
+    let lattice = Lattice::<D>::named(lattice)?;
+    let group = PointGroup::<D>::named(name, &lattice)?;
+    let operators: Vec<String> = group.operators().iter().map(ToString::to_string).collect();
+    let radius = radius.clamp(0.0, 16.0);
+    let orbits = group.orbits(&lattice, radius);
+    let unknowns = Basis::new(group, lattice, radius).len();
+    let mut text = format!(
+        "{name}: {} operators on the lattice {lattice_name}\n",
+        operators.len()
+    );
+    for operator in &operators {
+        let _ = writeln!(text, "  {operator}");
+    }
+    let _ = writeln!(
+        text,
+        "{} orbits of frequencies up to {radius}, {unknowns} degrees of freedom; one representative \
+         of each (the lexicographically greatest) and its size:",
+        orbits.len()
+    );
+    let mut listed = Vec::new();
+    for orbit in &orbits {
+        let k: Vec<i32> = orbit.representative().to_vec();
+        let _ = writeln!(text, "  {k:?}  {}", orbit.members.len());
+        listed.push(json!({ "k": k, "size": orbit.members.len() }));
+    }
+    let facts = json!({
+        "group": name,
+        "lattice": lattice_name,
+        "operators": operators,
+        "band_limit": radius,
+        "degrees_of_freedom": unknowns,
+        "orbits": listed,
+    });
+    Ok(Answer::new(text, facts))
+}
+
+fn eval(cell: &Cell, points: &Path, output: Option<&Path>) -> Result<Answer, Failure> {
+    let points = super::points::read(points)?;
+    let mut table = String::from("x,y,z,phi,gx,gy,gz\n");
+    let mut rows = Vec::new();
+    for [x, y, z] in points {
+        let (phi, g) = cell
+            .series()
+            .value_and_gradient(CellPoint(Vec3::new(x, y, z)));
+        let _ = writeln!(table, "{x},{y},{z},{phi},{},{},{}", g.x, g.y, g.z);
+        rows.push(json!([x, y, z, phi, g.x, g.y, g.z]));
+    }
+    let columns = ["x", "y", "z", "phi", "gx", "gy", "gz"];
+    let Some(path) = output else {
+        return Ok(Answer::new(table, json!({ "columns": columns, "rows": rows })));
+    };
+    write_bytes(path, table.as_bytes())?;
+    let shown = path.display().to_string();
+    let text = format!("{shown}  {} points", rows.len());
+    Ok(Answer::new(text, json!({ "path": shown, "points": rows.len() })))
+}

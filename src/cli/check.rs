@@ -1,0 +1,114 @@
+//! `druse check FILE`: a mesh in four words, a level set against its promise.
+
+use super::kind::FileKind;
+use super::{Answer, Failure, Session};
+use crate::io::read_mesh;
+use crate::mesh::MeshReport;
+use crate::vdb;
+use clap::Args;
+use serde_json::{Value, json};
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
+
+#[derive(Args)]
+pub(super) struct Parameters {
+    /// A mesh (.stl, .obj, .ply, .3mf) or an OpenVDB file.
+    file: PathBuf,
+    /// Worker threads [default: one per core].
+    #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true)]
+    threads: usize,
+}
+
+pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
+    let threads = super::session::threads(p.threads)?;
+    match FileKind::of(&p.file, &[FileKind::Mesh, FileKind::Vdb])? {
+        FileKind::Vdb => level_sets(&p.file, vdb::Session::new(&threads, session)),
+        _ => threads.install(|| mesh(&p.file)),
+    }
+}
+
+fn mesh(path: &Path) -> Result<Answer, Failure> {
+    let file = read_mesh(path)?;
+    let report = crate::mesh::check(&file.mesh);
+    let text = format!("{}\n{report}", path.display());
+    let passed = report.is_sound();
+    Ok(Answer::new(text, mesh_facts(path, &report)).verdict(passed))
+}
+
+/// What is known of a mesh, as an object.
+pub(super) fn mesh_facts(path: &Path, r: &MeshReport) -> Value {
+    let defects: serde_json::Map<String, Value> = r
+        .defects()
+        .into_iter()
+        .map(|(name, finding)| {
+            let places: Vec<[f64; 3]> = finding.places.iter().map(|d| d.at.into()).collect();
+            let facts = json!({ "count": finding.count, "places": places });
+            (name.to_owned(), facts)
+        })
+        .collect();
+    let mut facts = json!({
+        "kind": "mesh", "path": path.display().to_string(),
+        "vertices": r.vertices, "triangles": r.triangles, "components": r.components,
+        "volume": r.volume, "area": r.area,
+        "box": [r.bounds.min, r.bounds.max].map(|v| [v.x, v.y, v.z]),
+        "defects": defects, "passed": r.is_sound(),
+    });
+    for (word, answer) in r.words() {
+        facts[word.replace([' ', '-'], "_")] = json!(answer);
+    }
+    facts
+}
+
+fn level_sets(path: &Path, session: vdb::Session<'_>) -> Result<Answer, Failure> {
+    let info = super::vdb::inspect(path)?;
+    let unit = super::info::unit_of(&info);
+    let mut text = format!("{}\n", path.display());
+    let (mut passed, mut grids) = (true, Vec::new());
+    for grid in &info.grids {
+        if grid.class != "level set" {
+            let _ = writeln!(text, "grid {:?}: {}, not checked", grid.name, grid.class);
+            continue;
+        }
+        let solid = vdb::LevelSet::read(path, Some(&grid.name), session)?;
+        let check = solid.check(session)?;
+        let problems = check.problems();
+        passed &= problems.is_empty();
+        let _ = writeln!(
+            text,
+            "grid {:?}: level set, voxel {} {unit}, band of {} voxels, {} active voxels: {}",
+            grid.name,
+            check.voxel_size,
+            check.half_width,
+            super::run::grouped(check.active_voxels),
+            if problems.is_empty() { "sound" } else { "NOT sound" }
+        );
+        for problem in &problems {
+            let _ = writeln!(text, "  {problem}");
+        }
+        let mut facts = serde_json::to_value(&check).unwrap_or_default();
+        facts["name"] = json!(grid.name);
+        facts["problems"] = json!(problems);
+        grids.push(facts);
+    }
+    if grids.is_empty() {
+        passed = false;
+        let _ = writeln!(text, "no level set to check");
+    }
+    let recorded = info
+        .meta("druse.content_hash")
+        .or_else(|| info.grids.first().and_then(|g| g.meta("druse.content_hash")));
+    let same = recorded.as_ref().map(|r| Some(r) == info.content_hash.as_ref());
+    match same {
+        Some(true) => text.push_str("content hash: as recorded\n"),
+        Some(false) => {
+            passed = false;
+            text.push_str("content hash: NOT as recorded, the grids were changed\n");
+        }
+        None => text.push_str("content hash: none recorded\n"),
+    }
+    let facts = json!({
+        "kind": "vdb", "path": path.display().to_string(), "unit": unit, "grids": grids,
+        "content_hash": info.content_hash, "content_hash_as_recorded": same, "passed": passed,
+    });
+    Ok(Answer::new(text, facts).verdict(passed))
+}

@@ -1,0 +1,156 @@
+//! `druse info FILE`: one screen on any file that Druse reads.
+
+use super::kind::FileKind;
+use super::{Answer, Failure, Session};
+use crate::io::{read_cell, read_mesh};
+use crate::recipe::Recipe;
+use crate::vdb::FileInfo;
+use clap::Args;
+use serde_json::{Value, json};
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
+
+#[derive(Args)]
+pub(super) struct Parameters {
+    /// A recipe, cell, mesh, scaffold or .vdb file.
+    file: PathBuf,
+}
+
+pub(super) fn answer(p: &Parameters, _: &Session) -> Result<Answer, Failure> {
+    use FileKind::{Cell, Mesh, Recipe, Scaffold, Vdb};
+    let path = &p.file;
+    let (text, facts) = match FileKind::of(path, &[Recipe, Cell, Mesh, Scaffold, Vdb])? {
+        Recipe => recipe(path)?,
+        Cell => {
+            let cell = read_cell(path)?;
+            (super::cell::describe(&cell), super::cell::facts(&cell))
+        }
+        Mesh => mesh(path)?,
+        Scaffold => super::scaffold::describe(path)?,
+        Vdb => {
+            let info = super::vdb::inspect(path)?;
+            (vdb_screen(path, &info), vdb_facts(path, &info))
+        }
+    };
+    Ok(Answer::new(text, facts))
+}
+
+fn recipe(path: &Path) -> Result<(String, Value), Failure> {
+    let recipe = Recipe::read(path, &[])?;
+    let s = recipe.sections();
+    let cells: Vec<&String> = s.cell.keys().collect();
+    let ops: Vec<&str> = s.op.iter().map(crate::recipe::Op::name).collect();
+    let outputs: Vec<String> = s
+        .output
+        .iter()
+        .flat_map(|o| o.named().into_iter().map(|(_, p)| p.display().to_string()))
+        .collect();
+    let scaffold = s.scaffold.as_ref().map(|scaffold| match &scaffold.file {
+        Some(file) => file.path.display().to_string(),
+        None => "a box".to_owned(),
+    });
+    let voxel = recipe.scale().voxel_size;
+    let mut text = format!("{}: a recipe in {}\n", path.display(), recipe.unit());
+    let list = |items: &[&str]| {
+        if items.is_empty() {
+            "none".to_owned()
+        } else {
+            items.join(", ")
+        }
+    };
+    let names: Vec<&str> = cells.iter().map(|c| c.as_str()).collect();
+    let _ = writeln!(text, "cells       {}", list(&names));
+    let _ = writeln!(text, "scaffold    {}", scaffold.as_deref().unwrap_or("none"));
+    let _ = writeln!(text, "voxel size  {voxel} {}", recipe.unit());
+    let _ = writeln!(text, "operations  {}", list(&ops));
+    let files: Vec<&str> = outputs.iter().map(String::as_str).collect();
+    let _ = writeln!(text, "outputs     {}", list(&files));
+    let facts = json!({
+        "kind": "recipe", "path": path.display().to_string(), "unit": recipe.unit().symbol(),
+        "cells": cells, "scaffold": scaffold, "voxel_size": voxel,
+        "half_width": s.band.half_width.0, "operations": ops, "outputs": outputs,
+    });
+    Ok((text, facts))
+}
+
+fn mesh(path: &Path) -> Result<(String, Value), Failure> {
+    let file = read_mesh(path)?;
+    let report = crate::mesh::check_with(&file.mesh, false);
+    let unit = file.unit.map(|u| u.symbol());
+    let shown = unit.unwrap_or("of no stated unit");
+    let mut text = format!("{} ({shown})\n{report}\n", path.display());
+    for warning in &file.warnings {
+        let _ = writeln!(text, "note: {warning}");
+    }
+    let mut facts = super::check::mesh_facts(path, &report);
+    facts["unit"] = json!(unit);
+    Ok((text, facts))
+}
+
+/// What is in a `.vdb`, as an object.
+pub(super) fn vdb_facts(path: &Path, info: &FileInfo) -> Value {
+    let mut facts = serde_json::to_value(info).unwrap_or_default();
+    facts["kind"] = json!("vdb");
+    facts["path"] = json!(path.display().to_string());
+    facts["unit"] = json!(unit_of(info));
+    facts
+}
+
+/// The unit of a file's numbers: its own word for it, else metres.
+pub(super) fn unit_of(info: &FileInfo) -> String {
+    let stated = info.meta("druse.unit");
+    let of_grid = || info.grids.first().and_then(|g| g.meta("druse.unit"));
+    stated.or_else(of_grid).unwrap_or_else(|| "m".into())
+}
+
+fn vdb_screen(path: &Path, info: &FileInfo) -> String {
+    let unit = unit_of(info);
+    let mut text = format!(
+        "{}: OpenVDB, format {} ({}), {}\n",
+        path.display(),
+        info.version,
+        info.library,
+        super::run::size(info.bytes)
+    );
+    for g in &info.grids {
+        let voxel = g.voxel_size[0];
+        let _ = writeln!(
+            text,
+            "grid {:?}: {}, {}, voxel {voxel} {unit}",
+            g.name, g.class, g.grid_type
+        );
+        let _ = writeln!(
+            text,
+            "  {} active voxels, {} leaves, {} in memory{}",
+            super::run::grouped(g.active_voxels),
+            super::run::grouped(g.leaves),
+            super::run::size(g.bytes),
+            if g.half { ", half floats" } else { "" }
+        );
+        if let Some([min, max]) = g.bbox {
+            let world = |i: [i32; 3]| [0, 1, 2].map(|a| f64::from(i[a]) * voxel + g.origin[a]);
+            let _ = writeln!(
+                text,
+                "  voxels {min:?} to {max:?}, {:?} to {:?} {unit}",
+                world(min),
+                world(max)
+            );
+        }
+        if let Some(background) = g.background {
+            let _ = writeln!(
+                text,
+                "  background {background} {unit} ({:.3} voxels)",
+                background / voxel
+            );
+        }
+        for (key, value) in &g.metadata {
+            if key.starts_with("druse.") && key != "druse.recipe" {
+                let _ = writeln!(text, "  {key} {value}");
+            }
+        }
+    }
+    if let Some(hash) = &info.content_hash {
+        let _ = writeln!(text, "content hash {hash}");
+    }
+    text
+}

@@ -1,0 +1,63 @@
+//! What a file is, by its extension.
+
+use super::Failure;
+use crate::io::ReadError;
+use std::path::Path;
+
+/// The kinds of file that Druse reads.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum FileKind {
+    /// A recipe.
+    Recipe,
+    /// A unit cell.
+    Cell,
+    /// A triangle mesh.
+    Mesh,
+    /// A mesh of elements.
+    Scaffold,
+    /// An OpenVDB file.
+    Vdb,
+}
+
+/// Extensions and what they mean.
+const TABLE: [(&str, FileKind); 10] = [
+    ("toml", FileKind::Recipe),
+    ("cell", FileKind::Cell),
+    ("stl", FileKind::Mesh),
+    ("obj", FileKind::Mesh),
+    ("ply", FileKind::Mesh),
+    ("3mf", FileKind::Mesh),
+    ("msh", FileKind::Scaffold),
+    ("vtu", FileKind::Scaffold),
+    ("vtk", FileKind::Scaffold),
+    ("vdb", FileKind::Vdb),
+];
+
+impl FileKind {
+    /// The kind of an existing file, which must be one of those that a command takes.
+    pub(super) fn of(path: &Path, taken: &[Self]) -> Result<Self, Failure> {
+        std::fs::metadata(path).map_err(|e| ReadError::io(path, e))?;
+        let extension = path
+            .extension()
+            .map(|e| e.to_string_lossy().to_lowercase())
+            .unwrap_or_default();
+        let kind = TABLE.iter().find(|row| row.0 == extension).map(|row| row.1);
+        if let Some(kind) = kind.filter(|k| taken.contains(k)) {
+            return Ok(kind);
+        }
+        let known: Vec<String> = TABLE
+            .iter()
+            .filter(|row| taken.contains(&row.1))
+            .map(|row| format!(".{}", row.0))
+            .collect();
+        let found = if extension.is_empty() {
+            "no extension".to_owned()
+        } else {
+            format!("the extension .{extension}")
+        };
+        Err(Failure::data(
+            path,
+            format!("found {found}; expected one of {}", known.join(", ")),
+        ))
+    }
+}

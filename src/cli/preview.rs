@@ -1,0 +1,82 @@
+//! `druse preview FILE -o X.png`.
+
+use super::kind::FileKind;
+use super::{Answer, Failure, Session};
+use crate::cell::Cell;
+use crate::frame::Transform;
+use crate::io::atomic::write_bytes;
+use crate::io::{read_cell, read_mesh, read_scaffold};
+use crate::mesh::TriMesh;
+use crate::pipeline;
+use crate::recipe::{Cut, PictureSize};
+use crate::vdb::{self, LevelSet};
+use clap::Args;
+use serde_json::json;
+use std::path::PathBuf;
+
+#[derive(Args)]
+pub(super) struct Parameters {
+    /// A .vdb, mesh, cell or scaffold.
+    file: PathBuf,
+    /// The picture to write (.png).
+    #[arg(short, long, value_name = "X.png")]
+    output: PathBuf,
+    /// Width and height in pixels.
+    #[arg(long, value_name = "WxH", default_value = "1000x800")]
+    size: PictureSize,
+    /// Leave away what lies before a plane, as in x=0 (unit of the file).
+    #[arg(long, value_name = "AXIS=VALUE")]
+    cut: Option<Cut>,
+    /// Worker threads [default: one per core].
+    #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true)]
+    threads: usize,
+}
+
+/// Voxels along the longest edge of what is voxelized for a picture.
+const FINENESS: f64 = 240.0;
+/// Half width of the band of such a level set, voxels.
+const HALF_WIDTH: f64 = 3.0;
+
+pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
+    use FileKind::{Mesh, Scaffold, Vdb};
+    let threads = super::session::threads(p.threads)?;
+    let tools = vdb::Session::new(&threads, session);
+    let path = &p.file;
+    let solid = match FileKind::of(path, &[Vdb, Mesh, FileKind::Cell, Scaffold])? {
+        Vdb => super::vdb::level_set(path, tools)?,
+        Mesh => voxelized(p, &read_mesh(path)?.mesh, tools)?,
+        Scaffold => {
+            let scaffold = read_scaffold(path)?.scaffold;
+            let (_, stretch) = scaffold.stretch();
+            let mut shell = TriMesh::default();
+            for component in 0..scaffold.components().len() {
+                let part = scaffold.boundary(component, stretch / FINENESS).mesh;
+                shell
+                    .append(&part)
+                    .map_err(|e| Failure::data(path, e.to_string()))?;
+            }
+            voxelized(p, &shell, tools)?
+        }
+        _ => cell_picture(p, &read_cell(path)?, tools)?,
+    };
+    let cut = p.cut.map(|c| (c.axis, c.at));
+    let png = solid.picture(p.size.0 as usize, p.size.1 as usize, cut, tools)?;
+    let bytes = write_bytes(&p.output, &png)?;
+    let shown = p.output.display().to_string();
+    let text = format!("{shown}  {}", super::run::size(bytes));
+    Ok(Answer::new(text, json!({ "path": shown, "bytes": bytes })))
+}
+
+fn voxelized(p: &Parameters, mesh: &TriMesh, tools: vdb::Session) -> Result<LevelSet, Failure> {
+    let size = mesh.bounds().size().max();
+    let transform = Transform::new(size / FINENESS)
+        .filter(|_| !mesh.is_empty())
+        .ok_or_else(|| Failure::data(&p.file, "found no extent; expected a surface"))?;
+    Ok(LevelSet::from_mesh(mesh, transform, HALF_WIDTH, tools)?)
+}
+
+/// One element of a cell.
+fn cell_picture(p: &Parameters, cell: &Cell, tools: vdb::Session) -> Result<LevelSet, Failure> {
+    pipeline::one_element(cell, 1.0 / FINENESS * 1.5, HALF_WIDTH, tools)
+        .map_err(|e| Failure::data(&p.file, e.to_string()))
+}

@@ -1,0 +1,187 @@
+//! Files that a run reads: their frame, their hash, their box, and what looks wrong with them.
+
+use super::error::{RunError, show};
+use super::report::{Input, Warning};
+use crate::frame::{Aabb, LengthUnit, Vec3};
+use crate::io::{Place, ReadError};
+use crate::mesh::{HopelessMesh, MeshSolid, TriMesh};
+use crate::recipe::{FileFrame, Recipe, Up};
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+/// Boxes that differ by more than this have probably different units.
+const UNLIKELY: f64 = 100.0;
+
+/// What has been read so far.
+pub(super) struct Inputs<'a> {
+    pub recipe: &'a Recipe,
+    pub files: Vec<Input>,
+    pub warnings: Vec<Warning>,
+    paths: Vec<PathBuf>,
+    strict: bool,
+}
+
+impl<'a> Inputs<'a> {
+    pub fn new(recipe: &'a Recipe, strict: bool) -> Self {
+        Self {
+            recipe,
+            files: Vec::new(),
+            warnings: Vec::new(),
+            paths: recipe.source().path.iter().cloned().collect(),
+            strict,
+        }
+    }
+
+    /// Reads a mesh into the recipe's unit and frame, and makes a solid of it.
+    pub fn read_solid(&mut self, key: &str, file: &FileFrame) -> Result<MeshSolid, RunError> {
+        let path = self.recipe.resolve(&file.path);
+        let read = crate::io::read_mesh(&path)?;
+        let own = file.unit.map(|u| u.0).or(read.unit);
+        let mesh = framed(&read.mesh, file, own, self.recipe.unit());
+        let bounds = filled(&mesh, &path)?;
+        self.record(key, &path, bounds)?;
+        for warning in read.warnings {
+            self.warn(Warning::MESH, format!("{key}: {warning}"))?;
+        }
+        let (solid, repairs) = MeshSolid::repaired(mesh).map_err(|e| hopeless(&path, &e))?;
+        for repair in repairs {
+            self.warn(Warning::MESH, format!("{key}: {repair}"))?;
+        }
+        Ok(solid)
+    }
+
+    /// Reads the mesh of a cell: its numbers are reference coordinates, whatever their unit.
+    pub fn read_cell_mesh(&mut self, key: &str, file: &FileFrame) -> Result<TriMesh, RunError> {
+        let path = self.recipe.resolve(&file.path);
+        let read = crate::io::read_mesh(&path)?;
+        for warning in read.warnings {
+            self.warn(Warning::MESH, format!("{key}: {warning}"))?;
+        }
+        let mesh = framed(&read.mesh, file, None, self.recipe.unit());
+        filled(&mesh, &path)?;
+        let (_, repairs) = MeshSolid::repaired(mesh.clone()).map_err(|e| hopeless(&path, &e))?;
+        for repair in repairs {
+            self.warn(Warning::MESH, format!("{key}: {repair}"))?;
+        }
+        Ok(mesh)
+    }
+
+    /// Notes an input for the report.
+    pub fn record(&mut self, key: &str, path: &Path, bounds: Aabb) -> Result<(), RunError> {
+        let (_, hash) = digest(path)?;
+        self.files.push(Input {
+            key: key.to_owned(),
+            path: path.display().to_string(),
+            hash,
+            bounds,
+        });
+        self.paths.push(path.to_owned());
+        Ok(())
+    }
+
+    /// A warning; the end of a strict run.
+    pub fn warn(&mut self, code: &'static str, message: String) -> Result<(), RunError> {
+        if self.strict {
+            return Err(RunError::Strict { code, message });
+        }
+        self.warnings.push(Warning { code, message });
+        Ok(())
+    }
+
+    /// W101: two inputs in world space whose boxes differ more than a hundredfold.
+    pub fn compare_boxes(&mut self) -> Result<(), RunError> {
+        let size = |i: &Input| i.bounds.half_diagonal();
+        let world = || self.files.iter().filter(|i| !i.key.starts_with("cell."));
+        let least = world().min_by(|a, b| size(a).total_cmp(&size(b)));
+        let most = world().max_by(|a, b| size(a).total_cmp(&size(b)));
+        let Some((least, most)) = least.zip(most) else {
+            return Ok(());
+        };
+        if size(most) <= UNLIKELY * size(least) {
+            return Ok(());
+        }
+        let message = format!(
+            "units look wrong: {} spans {}, {} spans {} (in {}); say unit = ... for one of them",
+            most.key,
+            show(&most.bounds),
+            least.key,
+            show(&least.bounds),
+            self.recipe.unit()
+        );
+        self.warn(Warning::UNITS, message)
+    }
+
+    /// Whether a path is one of the inputs.
+    pub fn contains(&self, path: &Path) -> bool {
+        let real = |p: &Path| std::fs::canonicalize(p).ok();
+        let target = real(path);
+        target.is_some() && self.paths.iter().any(|p| real(p) == target)
+    }
+}
+
+fn filled(mesh: &TriMesh, path: &Path) -> Result<Aabb, ReadError> {
+    if mesh.is_empty() {
+        let (found, expected) = ("no triangles", "a mesh with triangles");
+        return Err(ReadError::data(path, Place::File, found, expected));
+    }
+    Ok(mesh.bounds())
+}
+
+fn hopeless(path: &Path, error: &HopelessMesh) -> ReadError {
+    ReadError::data(
+        path,
+        Place::File,
+        error.to_string(),
+        "a surface that bounds a solid",
+    )
+}
+
+/// A mesh in the recipe's unit and frame: its own unit, its up axis, then its placement.
+fn framed(
+    mesh: &TriMesh,
+    file: &FileFrame,
+    own: Option<LengthUnit>,
+    recipe: LengthUnit,
+) -> TriMesh {
+    mesh.mapped(frame_map(file, own, recipe))
+}
+
+/// The change of frame of a file's points.
+pub(super) fn frame_map(
+    file: &FileFrame,
+    own: Option<LengthUnit>,
+    recipe: LengthUnit,
+) -> impl Fn(Vec3) -> Vec3 {
+    let factor = own.map_or(1.0, |u| u.to(recipe));
+    let (matrix, shift) = file.transform.matrix();
+    let up = file.up;
+    move |v| {
+        let v = match up {
+            Up::Z => v,
+            Up::Y => Vec3::new(v.x, -v.z, v.y),
+        };
+        matrix * (v * factor) + shift
+    }
+}
+
+/// Size and BLAKE3 of a file.
+pub(super) fn digest(path: &Path) -> Result<(u64, String), ReadError> {
+    let failed = |e| ReadError::io(path, e);
+    let mut file = std::fs::File::open(path).map_err(failed)?;
+    let mut hasher = blake3::Hasher::new();
+    let mut buffer = vec![0; 1 << 18];
+    let mut size = 0;
+    loop {
+        let n = file.read(&mut buffer).map_err(failed)?;
+        if n == 0 {
+            return Ok((size, hasher.finalize().to_hex().to_string()));
+        }
+        hasher.update(&buffer[..n]);
+        size += n as u64;
+    }
+}
+
+/// BLAKE3 of a text.
+pub(super) fn hash_text(text: &str) -> String {
+    blake3::hash(text.as_bytes()).to_hex().to_string()
+}
