@@ -39,7 +39,7 @@ enum What {
     Eval {
         /// The .cell file, or the name of a surface.
         cell: PathBuf,
-        /// Points: a .csv with the header x,y,z, or a .npy of shape [n, 3].
+        /// Points: a .csv with the header x,y,z, or a .npy of shape [n, 3]; - reads a .csv from stdin.
         #[arg(long, value_name = "FILE")]
         points: PathBuf,
         /// The .csv to write; without it the table is printed.
@@ -124,7 +124,11 @@ pub(super) fn describe(cell: &Cell) -> String {
             report.rms, report.face_max, report.kept_energy
         );
         if let Some(h) = report.hausdorff {
-            let _ = writeln!(text, "fit: Hausdorff distance of the surfaces {:.5}", h.max());
+            let _ = writeln!(
+                text,
+                "fit: Hausdorff distance of the surfaces {:.5}",
+                h.max()
+            );
         }
         if let Some(source) = report.source {
             let _ = writeln!(
@@ -211,10 +215,16 @@ fn eval(cell: &Cell, points: &Path, output: Option<&Path>) -> Result<Answer, Fai
     }
     let columns = ["x", "y", "z", "phi", "gx", "gy", "gz"];
     let Some(path) = output else {
-        return Ok(Answer::new(table, json!({ "columns": columns, "rows": rows })));
+        return Ok(Answer::new(
+            table,
+            json!({ "columns": columns, "rows": rows }),
+        ));
     };
     write_bytes(path, table.as_bytes())?;
     let shown = path.display().to_string();
     let text = format!("{shown}  {} points", rows.len());
-    Ok(Answer::new(text, json!({ "path": shown, "points": rows.len() })))
+    Ok(Answer::new(
+        text,
+        json!({ "path": shown, "points": rows.len() }),
+    ))
 }

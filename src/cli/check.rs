@@ -23,13 +23,14 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
     let threads = super::session::threads(p.threads)?;
     match FileKind::of(&p.file, &[FileKind::Mesh, FileKind::Vdb])? {
         FileKind::Vdb => level_sets(&p.file, vdb::Session::new(&threads, session)),
-        _ => threads.install(|| mesh(&p.file)),
+        _ => threads.install(|| mesh(&p.file, session)),
     }
 }
 
-fn mesh(path: &Path) -> Result<Answer, Failure> {
+fn mesh(path: &Path, session: &Session) -> Result<Answer, Failure> {
     let file = read_mesh(path)?;
-    let report = crate::mesh::check(&file.mesh);
+    let report =
+        crate::mesh::check_with(&file.mesh, true, session).map_err(|_| Failure::stopped(130))?;
     let text = format!("{}\n{report}", path.display());
     let passed = report.is_sound();
     Ok(Answer::new(text, mesh_facts(path, &report)).verdict(passed))
@@ -46,11 +47,12 @@ pub(super) fn mesh_facts(path: &Path, r: &MeshReport) -> Value {
             (name.to_owned(), facts)
         })
         .collect();
+    let corners = [r.bounds.min, r.bounds.max].map(|v| [v.x, v.y, v.z]);
     let mut facts = json!({
         "kind": "mesh", "path": path.display().to_string(),
         "vertices": r.vertices, "triangles": r.triangles, "components": r.components,
         "volume": r.volume, "area": r.area,
-        "box": [r.bounds.min, r.bounds.max].map(|v| [v.x, v.y, v.z]),
+        "box": corners,
         "defects": defects, "passed": r.is_sound(),
     });
     for (word, answer) in r.words() {
@@ -80,7 +82,11 @@ fn level_sets(path: &Path, session: vdb::Session<'_>) -> Result<Answer, Failure>
             check.voxel_size,
             check.half_width,
             super::run::grouped(check.active_voxels),
-            if problems.is_empty() { "sound" } else { "NOT sound" }
+            if problems.is_empty() {
+                "sound"
+            } else {
+                "NOT sound"
+            }
         );
         for problem in &problems {
             let _ = writeln!(text, "  {problem}");
@@ -94,10 +100,14 @@ fn level_sets(path: &Path, session: vdb::Session<'_>) -> Result<Answer, Failure>
         passed = false;
         let _ = writeln!(text, "no level set to check");
     }
-    let recorded = info
-        .meta("druse.content_hash")
-        .or_else(|| info.grids.first().and_then(|g| g.meta("druse.content_hash")));
-    let same = recorded.as_ref().map(|r| Some(r) == info.content_hash.as_ref());
+    let recorded = info.meta("druse.content_hash").or_else(|| {
+        info.grids
+            .first()
+            .and_then(|g| g.meta("druse.content_hash"))
+    });
+    let same = recorded
+        .as_ref()
+        .map(|r| Some(r) == info.content_hash.as_ref());
     match same {
         Some(true) => text.push_str("content hash: as recorded\n"),
         Some(false) => {

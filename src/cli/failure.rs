@@ -6,6 +6,7 @@ use crate::pipeline::RunError;
 use crate::recipe::{Place, RecipeError, RecipeFault};
 use crate::vdb::{FileError, VdbError};
 use serde_json::{Value, json};
+use std::fmt::Write as _;
 use std::io::Write;
 use std::process::ExitCode;
 use std::sync::Mutex;
@@ -112,16 +113,16 @@ impl Failure {
                 .iter()
                 .map_while(|n| n.map(|n| format!(":{n}")))
                 .collect::<String>();
-            block += &format!("  {} {file}{place}\n", paint("1;34", "-->"));
+            let _ = write!(block, "  {} {file}{place}\n", paint("1;34", "-->"));
         }
         if let Some(excerpt) = &self.excerpt {
-            block += &format!("   {} {excerpt}\n", paint("1;34", "|"));
+            let _ = write!(block, "   {} {excerpt}\n", paint("1;34", "|"));
         }
         if let Some(element) = self.element {
-            block += &format!("  {} element {element}\n", paint("1;34", "-->"));
+            let _ = write!(block, "  {} element {element}\n", paint("1;34", "-->"));
         }
         if let Some(hint) = &self.hint {
-            block += &format!("  {} {hint}\n", paint("1;36", "hint:"));
+            let _ = write!(block, "  {} {hint}\n", paint("1;36", "hint:"));
         }
         block
     }

@@ -29,7 +29,8 @@ pub(super) struct Parameters {
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     let threads = super::session::threads(p.threads)?;
     let cell = threads.install(|| make(p, session))?;
-    let cell = pipeline::levelled(cell, &p.cell).map_err(|e| Failure::data(&p.input, e.to_string()))?;
+    let cell =
+        pipeline::levelled(cell, &p.cell).map_err(|e| Failure::data(&p.input, e.to_string()))?;
     let bytes = write_cell(&p.output, &cell)?;
     if let Some(report) = cell.report() {
         for message in report.warnings.clone() {
@@ -59,7 +60,10 @@ fn make(p: &Parameters, session: &Session) -> Result<Cell, Failure> {
         session.warn_of(pipeline::Warning::MESH, message)?;
     }
     if file.mesh.is_empty() {
-        return Err(Failure::data(&p.input, "found no triangles; expected a closed mesh"));
+        return Err(Failure::data(
+            &p.input,
+            "found no triangles; expected a closed mesh",
+        ));
     }
     let (_, repairs) = crate::mesh::MeshSolid::repaired(file.mesh.clone())
         .map_err(|e| Failure::data(&p.input, e.to_string()))?;

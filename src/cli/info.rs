@@ -16,7 +16,7 @@ pub(super) struct Parameters {
     file: PathBuf,
 }
 
-pub(super) fn answer(p: &Parameters, _: &Session) -> Result<Answer, Failure> {
+pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     use FileKind::{Cell, Mesh, Recipe, Scaffold, Vdb};
     let path = &p.file;
     let (text, facts) = match FileKind::of(path, &[Recipe, Cell, Mesh, Scaffold, Vdb])? {
@@ -25,7 +25,7 @@ pub(super) fn answer(p: &Parameters, _: &Session) -> Result<Answer, Failure> {
             let cell = read_cell(path)?;
             (super::cell::describe(&cell), super::cell::facts(&cell))
         }
-        Mesh => mesh(path)?,
+        Mesh => mesh(path, session)?,
         Scaffold => super::scaffold::describe(path)?,
         Vdb => {
             let info = super::vdb::inspect(path)?;
@@ -60,7 +60,11 @@ fn recipe(path: &Path) -> Result<(String, Value), Failure> {
     };
     let names: Vec<&str> = cells.iter().map(|c| c.as_str()).collect();
     let _ = writeln!(text, "cells       {}", list(&names));
-    let _ = writeln!(text, "scaffold    {}", scaffold.as_deref().unwrap_or("none"));
+    let _ = writeln!(
+        text,
+        "scaffold    {}",
+        scaffold.as_deref().unwrap_or("none")
+    );
     let _ = writeln!(text, "voxel size  {voxel} {}", recipe.unit());
     let _ = writeln!(text, "operations  {}", list(&ops));
     let files: Vec<&str> = outputs.iter().map(String::as_str).collect();
@@ -73,9 +77,10 @@ fn recipe(path: &Path) -> Result<(String, Value), Failure> {
     Ok((text, facts))
 }
 
-fn mesh(path: &Path) -> Result<(String, Value), Failure> {
+fn mesh(path: &Path, session: &Session) -> Result<(String, Value), Failure> {
     let file = read_mesh(path)?;
-    let report = crate::mesh::check_with(&file.mesh, false);
+    let report =
+        crate::mesh::check_with(&file.mesh, false, session).map_err(|_| Failure::stopped(130))?;
     let unit = file.unit.map(|u| u.symbol());
     let shown = unit.unwrap_or("of no stated unit");
     let mut text = format!("{} ({shown})\n{report}\n", path.display());

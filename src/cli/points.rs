@@ -1,23 +1,30 @@
-//! Points for evaluation: `.csv` with a header `x,y,z`, or `.npy` of shape [n, 3].
+//! Points for evaluation: `.csv` with a header `x,y,z`, or `.npy` of shape [n, 3]; `-` is a `.csv` on stdin.
 
 use super::Failure;
 use crate::io::{Place, ReadError};
+use std::io::Read;
 use std::path::Path;
 
 /// Reads points; every coordinate is finite.
 pub(super) fn read(path: &Path) -> Result<Vec<[f64; 3]>, Failure> {
-    let bytes = std::fs::read(path).map_err(|e| ReadError::io(path, e))?;
+    let mut bytes = Vec::new();
+    let standard_input = path == Path::new("-");
+    let read = if standard_input {
+        std::io::stdin().lock().read_to_end(&mut bytes)
+    } else {
+        std::fs::File::open(path).and_then(|mut file| file.read_to_end(&mut bytes))
+    };
+    read.map_err(|e| ReadError::io(path, e))?;
     let points = match path.extension().and_then(|e| e.to_str()) {
         Some("npy") => npy(path, &bytes)?,
         Some("csv") => csv(path, &bytes)?,
+        _ if standard_input => csv(path, &bytes)?,
         _ => {
             let message = "found another extension; expected points as .csv or .npy";
             return Err(Failure::data(path, message));
         }
     };
-    let bad = points
-        .iter()
-        .position(|p| p.iter().any(|c| !c.is_finite()));
+    let bad = points.iter().position(|p| p.iter().any(|c| !c.is_finite()));
     match bad {
         Some(n) => {
             let place = Place::Item("point", n as u64);
@@ -36,7 +43,12 @@ fn csv(path: &Path, bytes: &[u8]) -> Result<Vec<[f64; 3]>, ReadError> {
     let column = |name: &str| names.iter().position(|n| *n == name);
     let (Some(x), Some(y), Some(z)) = (column("x"), column("y"), column("z")) else {
         let found = crate::io::quote(header);
-        return Err(ReadError::data(path, Place::Line(1), found, "a header with x,y,z"));
+        return Err(ReadError::data(
+            path,
+            Place::Line(1),
+            found,
+            "a header with x,y,z",
+        ));
     };
     let mut points = Vec::new();
     for (n, line) in lines.filter(|(_, l)| !l.trim().is_empty()) {
@@ -45,7 +57,12 @@ fn csv(path: &Path, bytes: &[u8]) -> Result<Vec<[f64; 3]>, ReadError> {
         let point = number(x).zip(number(y)).zip(number(z));
         let ((x, y), z) = point.ok_or_else(|| {
             let place = Place::Line(n as u64 + 1);
-            ReadError::data(path, place, crate::io::quote(line), "numbers for x, y and z")
+            ReadError::data(
+                path,
+                place,
+                crate::io::quote(line),
+                "numbers for x, y and z",
+            )
         })?;
         points.push([x, y, z]);
     }
@@ -60,7 +77,7 @@ fn npy(path: &Path, bytes: &[u8]) -> Result<Vec<[f64; 3]>, ReadError> {
     }
     let version = bytes.get(6).copied().unwrap_or(0);
     let wide = version >= 2;
-    let (length, start) = if wide {
+    let (length, start): (usize, usize) = if wide {
         let n = bytes.get(8..12).and_then(|b| b.try_into().ok());
         (n.map_or(usize::MAX, |b| u32::from_le_bytes(b) as usize), 12)
     } else {
@@ -95,13 +112,13 @@ fn npy(path: &Path, bytes: &[u8]) -> Result<Vec<[f64; 3]>, ReadError> {
         let at = &data[n * size..(n + 1) * size];
         match at.try_into() {
             Ok(b) => f64::from_le_bytes(b),
-            Err(_) => at.try_into().map_or(f64::NAN, |b| f64::from(f32::from_le_bytes(b))),
+            Err(_) => at
+                .try_into()
+                .map_or(f64::NAN, |b| f64::from(f32::from_le_bytes(b))),
         }
     };
     let fortran = after("'fortran_order':").starts_with("True");
     Ok((0..count)
-        .map(|n| {
-            [0, 1, 2].map(|a| value(if fortran { a * count + n } else { 3 * n + a }))
-        })
+        .map(|n| [0, 1, 2].map(|a| value(if fortran { a * count + n } else { 3 * n + a })))
         .collect())
 }

@@ -38,9 +38,8 @@ pub(super) fn describe(path: &Path) -> Result<(String, Value), Failure> {
         .iter()
         .map(|g| json!({ "name": g.name, "elements": g.elements.len() }))
         .collect();
-    let bad = |list: &[crate::scaffold::BadElement]| {
-        list.iter().map(|b| b.number).collect::<Vec<u64>>()
-    };
+    let bad =
+        |list: &[crate::scaffold::BadElement]| list.iter().map(|b| b.number).collect::<Vec<u64>>();
     let kinds: serde_json::Map<String, Value> = report
         .kinds
         .iter()
@@ -69,7 +68,12 @@ pub(super) fn describe(path: &Path) -> Result<(String, Value), Failure> {
     });
     let mut text = screen(path, &report);
     for group in &file.groups {
-        let _ = writeln!(text, "group {:?}: {} elements", group.name, group.elements.len());
+        let _ = writeln!(
+            text,
+            "group {:?}: {} elements",
+            group.name,
+            group.elements.len()
+        );
     }
     for warning in report.warnings() {
         let _ = writeln!(text, "note: {warning}");
@@ -83,7 +87,12 @@ fn screen(path: &Path, r: &ScaffoldReport) -> String {
         .iter()
         .map(|(k, n)| format!("{n} {}", k.name()))
         .collect();
-    let mut text = format!("{}: {}, {} nodes\n", path.display(), kinds.join(", "), r.nodes);
+    let mut text = format!(
+        "{}: {}, {} nodes\n",
+        path.display(),
+        kinds.join(", "),
+        r.nodes
+    );
     let _ = writeln!(
         text,
         "box {:?} to {:?}, volume {:.6}",

@@ -1,8 +1,8 @@
 //! One invocation: how it talks, and what it is told to do about progress, colour and warnings.
 
+use super::Failure;
 use super::progress::{Display, Style};
 use super::signals::Signals;
-use super::Failure;
 use crate::pipeline::{RunError, Warning};
 use crate::progress::{Progress, Threads};
 use clap::{Args, ValueEnum};
@@ -20,7 +20,7 @@ pub(super) struct Manners {
     /// How progress is shown on stderr [default: a bar on a terminal, nothing elsewhere].
     #[arg(long, global = true, value_enum, help_heading = "Manners")]
     progress: Option<Style>,
-    /// When to colour messages; NO_COLOR is honoured.
+    /// When to colour messages; `NO_COLOR` is honoured.
     #[arg(
         long,
         global = true,
@@ -40,7 +40,7 @@ pub(super) struct Manners {
 /// When to colour messages.
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Color {
-    /// On a terminal, unless NO_COLOR is set.
+    /// On a terminal, unless `NO_COLOR` is set.
     Auto,
     /// Always.
     Always,

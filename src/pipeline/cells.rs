@@ -149,7 +149,8 @@ pub fn levelled(cell: Cell, section: &CellSection) -> Result<Cell, CellFault> {
         cell = cell.with_solid(side, level)?;
     } else if section.level.is_some() || side.is_some() {
         let level = section.level.map_or(cell.level(), |l| l.0);
-        cell = cell.with_solid(side.unwrap_or(cell.solid()), level)?;
+        let side = side.unwrap_or(cell.solid());
+        cell = cell.with_solid(side, level)?;
     }
     if section.invert == Some(true) {
         cell = cell.inverted();
@@ -230,8 +231,7 @@ pub fn one_element(
         distance: crate::tiling::Distance::Fast,
         boundary: crate::tiling::Boundary::Cut,
     };
-    let solid =
-        TiledSolid::new(&scaffold, &table, options).map_err(|e| failed(e.to_string()))?;
+    let solid = TiledSolid::new(&scaffold, &table, options).map_err(|e| failed(e.to_string()))?;
     let bench = Bench {
         threads: session.threads,
         progress: session.progress,

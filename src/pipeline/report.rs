@@ -167,11 +167,11 @@ impl Warning {
     pub const PIECES: &'static str = "W106";
 }
 
-#[allow(clippy::trivially_copy_pass_by_ref)] // serde passes references
 fn corners<S: serde::Serializer>(b: &Aabb, s: S) -> Result<S::Ok, S::Error> {
     [b.min, b.max].map(|v| [v.x, v.y, v.z]).serialize(s)
 }
 
+#[allow(clippy::ref_option)] // serde passes a reference to the field
 fn maybe_corners<S: serde::Serializer>(b: &Option<Aabb>, s: S) -> Result<S::Ok, S::Error> {
     b.map(|b| [b.min, b.max].map(|v| [v.x, v.y, v.z]))
         .serialize(s)
