@@ -41,6 +41,7 @@ mod series;
 mod solid;
 mod surface;
 mod table;
+mod thickness;
 mod wave;
 pub use file::CellTextError;
 pub use fit::{

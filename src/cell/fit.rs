@@ -70,6 +70,9 @@ const MOST_UNKNOWNS: usize = 4000;
 const NO_SYMMETRIC_PART: f64 = 1e-6;
 const LITTLE_SYMMETRIC_PART: f64 = 0.9;
 
+/// Below this share of its root mean square a source's asymmetry is rounding.
+const SYMMETRIC: f64 = 1e-6;
+
 /// A signed distance in the reference frame of an element, negative inside.
 pub type Distance<'a> = dyn Fn(CellPoint<3>) -> f64 + Sync + 'a;
 
@@ -142,7 +145,7 @@ fn fit_with(
             kept: quality.kept_energy,
         });
     }
-    target.symmetric = quality.residual <= 1e-9 * quality.rms;
+    target.symmetric = quality.residual <= SYMMETRIC * quality.rms;
     progress.stage("fit: least squares", None);
     let real = least_squares(&basis, &samples, options.regularisation, progress)?;
     let series = Series::new(

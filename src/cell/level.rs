@@ -36,13 +36,13 @@ fn fraction_below(mut v: [f64; 4], t: f64) -> (f64, f64) {
 }
 
 /// Values of a cell's series on the simplex lattice, coarse and fine.
-struct Samples {
-    values: Vec<f64>,
+pub(super) struct Samples {
+    pub values: Vec<f64>,
     grid: SimplexGrid,
 }
 
 impl Samples {
-    fn new(cell: &Cell, parts: usize) -> Self {
+    pub fn new(cell: &Cell, parts: usize) -> Self {
         let grid = SimplexGrid::new(parts);
         let corners = flag(cell.element);
         let values = grid
@@ -62,7 +62,7 @@ impl Samples {
         }
     }
 
-    fn range(&self) -> (f64, f64) {
+    pub fn range(&self) -> (f64, f64) {
         self.values
             .iter()
             .fold((f64::INFINITY, f64::NEG_INFINITY), |(lo, hi), &v| {
@@ -221,12 +221,10 @@ impl Cell {
     /// Root mean square of the gradient over the surfaces Phi = level inside the element.
     pub(super) fn gamma_at(&self, levels: &[f64]) -> f64 {
         let samples = Samples::new(self, Samples::parts(self).min(32));
-        let mut pieces = Vec::new();
-        for &t in levels {
-            samples.grid.tetrahedra(|corners| {
-                pieces.extend(Piece::cut(self, &samples, corners, t));
-            });
-        }
+        let pieces: Vec<Piece> = levels
+            .iter()
+            .flat_map(|&t| Piece::all(self, &samples, t))
+            .collect();
         let squares: Vec<f64> = pieces
             .par_iter()
             .map(|p| {
@@ -255,13 +253,22 @@ impl Cell {
 }
 
 /// The part of a level surface in a small tetrahedron, as if the function were linear there.
-struct Piece {
+pub(super) struct Piece {
     level: f64,
-    area: f64,
-    centre: CellPoint<3>,
+    pub area: f64,
+    pub centre: CellPoint<3>,
 }
 
 impl Piece {
+    /// The pieces of the surface where the function is `t`.
+    pub fn all(cell: &Cell, samples: &Samples, t: f64) -> Vec<Self> {
+        let mut pieces = Vec::new();
+        samples.grid.tetrahedra(|corners| {
+            pieces.extend(Self::cut(cell, samples, corners, t));
+        });
+        pieces
+    }
+
     fn cut(cell: &Cell, samples: &Samples, corners: [[usize; 3]; 4], t: f64) -> Option<Self> {
         let v = corners.map(|c| samples.values[SimplexGrid::index(c)]);
         let (_, density) = fraction_below(v, t);

@@ -18,8 +18,10 @@ use crate::frame::{CellBox, CellPoint, Element, Vec3};
 
 mod build;
 mod pyramid;
+mod spline;
 use pyramid::{Pyramid, scan};
 use rayon::prelude::*;
+use spline::Spline;
 
 /// Greatest number of samples per axis that [`Table::new`] uses: 17 MB.
 const LARGEST: usize = 160;
@@ -38,10 +40,7 @@ pub struct Table {
     half: f32,
     /// Solid value = sign * interpolant where the solid is one side of the level.
     sign: f32,
-    period: f64,
-    samples: usize,
-    /// Coefficients with three repeated layers per axis, [samples + 3]^3: no index wraps inside.
-    coefficients: Vec<f32>,
+    spline: Spline,
     pyramid: Pyramid,
     error_bound: f64,
     gradient_error_bound: f64,
@@ -55,43 +54,10 @@ impl std::fmt::Debug for Table {
         f.debug_struct("Table")
             .field("element", &self.element)
             .field("solid", &self.solid)
-            .field("samples", &self.samples)
+            .field("samples", &self.samples())
             .field("error_bound", &self.error_bound())
             .finish_non_exhaustive()
     }
-}
-
-/// Where a point lies: index of its spline cell's first coefficient, and its place in the cell.
-struct Place {
-    base: usize,
-    t: [f32; 3],
-}
-
-/// Cubic B-spline weights at t in [0, 1].
-fn weights(t: f32) -> [f32; 4] {
-    let (t2, s) = (t * t, 1.0 - t);
-    let t3 = t2 * t;
-    [
-        s * s * s * (1.0 / 6.0),
-        0.5 * t3 - t2 + 2.0 / 3.0,
-        -0.5 * t3 + 0.5 * (t2 + t) + 1.0 / 6.0,
-        t3 * (1.0 / 6.0),
-    ]
-}
-
-/// Derivatives of [`weights`].
-fn slopes(t: f32) -> [f32; 4] {
-    let s = 1.0 - t;
-    [
-        -0.5 * s * s,
-        1.5 * t * t - 2.0 * t,
-        -1.5 * t * t + t + 0.5,
-        0.5 * t * t,
-    ]
-}
-
-fn dot(a: [f32; 4], b: [f32; 4]) -> f32 {
-    (a[0] * b[0] + a[2] * b[2]) + (a[1] * b[1] + a[3] * b[3])
 }
 
 impl Table {
@@ -149,9 +115,7 @@ impl Table {
             } else {
                 1.0
             },
-            period,
-            samples,
-            coefficients,
+            spline: Spline::new(coefficients, samples, period),
             pyramid,
             error_bound,
             gradient_error_bound,
@@ -169,17 +133,17 @@ impl Table {
 
     /// Samples per axis of the cubic period.
     pub fn samples(&self) -> usize {
-        self.samples
+        self.spline.samples()
     }
 
     /// Length of the cubic period in reference units.
     pub fn period(&self) -> f64 {
-        self.period
+        self.spline.period()
     }
 
     /// Memory in use.
     pub fn bytes(&self) -> usize {
-        self.coefficients.len() * size_of::<f32>() + self.pyramid.bytes()
+        size_of_val(self.spline.coefficients()) + self.pyramid.bytes()
     }
 
     /// Rigorous bound of |table - cell| everywhere, in field units (single precision included).
@@ -210,7 +174,7 @@ impl Table {
     }
 
     fn cells_per_unit(&self) -> f64 {
-        self.samples as f64 / self.period
+        self.spline.per_unit()
     }
 
     fn rounding(&self) -> f64 {
@@ -219,7 +183,7 @@ impl Table {
 
     /// First spline cell and number of spline cells per axis that a box meets; at most one period.
     fn spline_cells(&self, region: &CellBox<3>) -> ([usize; 3], [usize; 3]) {
-        let (n, scale) = (self.samples as i64, self.cells_per_unit());
+        let (n, scale) = (self.spline.samples() as i64, self.cells_per_unit());
         let (mut from, mut count) = ([0; 3], [0; 3]);
         for a in 0..3 {
             // A hair wider, so that a point that rounds into the next cell is still covered.
@@ -239,7 +203,7 @@ impl Table {
     fn sup_over_element(&self) -> f64 {
         let scale = self.cells_per_unit();
         let half = (0.5 * scale).ceil() as i64;
-        let n = self.samples as i64;
+        let n = self.spline.samples() as i64;
         // The group maps the part of the element with x >= |y|, |z| onto the rest.
         let in_slab = |i: i64| {
             let mut steepest = 0f32;
@@ -248,7 +212,7 @@ impl Table {
                     let lo = Vec3::new(i as f64, j as f64, k as f64) / scale;
                     if self.element != Element::Tet || meets_tet(lo, 1.0 / scale) {
                         let at = [i, j, k].map(|c| c.rem_euclid(n) as usize);
-                        let cell = scan(&self.coefficients, self.samples, at, 1);
+                        let cell = scan(self.spline.coefficients(), self.spline.samples(), at, 1);
                         steepest = steepest.max(cell.steepest);
                     }
                 }
@@ -262,79 +226,7 @@ impl Table {
         f64::from(steepest) * scale * (1.0 + 1e-6) + self.rounding() * scale
     }
 
-    fn place(&self, p: CellPoint<3>) -> Place {
-        let n = self.samples;
-        let (mut index, mut t) = ([0usize; 3], [0f32; 3]);
-        for a in 0..3 {
-            let v = p.0[a] / self.period;
-            let w = (v - v.floor()) * n as f64;
-            let cell = (w as usize).min(n - 1);
-            index[a] = cell;
-            t[a] = (w - cell as f64) as f32;
-        }
-        let s = n + 3;
-        Place {
-            base: (index[0] * s + index[1]) * s + index[2],
-            t,
-        }
-    }
-
-    /// The interpolant, before the solid's sign and absolute value.
-    fn raw(&self, p: CellPoint<3>) -> f32 {
-        let Place { base, t } = self.place(p);
-        let s = self.samples + 3;
-        let (wx, wy, wz) = (weights(t[0]), weights(t[1]), weights(t[2]));
-        let mut sum = [0f32; 4];
-        for (i, x) in wx.into_iter().enumerate() {
-            let mut plane = [0f32; 4];
-            for (j, y) in wy.into_iter().enumerate() {
-                let at = base + (i * s + j) * s;
-                let row = &self.coefficients[at..at + 4];
-                for l in 0..4 {
-                    plane[l] += y * row[l];
-                }
-            }
-            for l in 0..4 {
-                sum[l] += x * plane[l];
-            }
-        }
-        dot(sum, wz)
-    }
-
-    /// The interpolant and its gradient, before the solid's sign and absolute value.
-    fn raw_with_gradient(&self, p: CellPoint<3>) -> (f32, [f32; 3]) {
-        let Place { base, t } = self.place(p);
-        let s = self.samples + 3;
-        let (wx, wy, wz) = (weights(t[0]), weights(t[1]), weights(t[2]));
-        let (dx, dy, dz) = (slopes(t[0]), slopes(t[1]), slopes(t[2]));
-        let (mut sum, mut along_x, mut along_y) = ([0f32; 4], [0f32; 4], [0f32; 4]);
-        for i in 0..4 {
-            let (mut plane, mut slope) = ([0f32; 4], [0f32; 4]);
-            for j in 0..4 {
-                let at = base + (i * s + j) * s;
-                let row = &self.coefficients[at..at + 4];
-                for l in 0..4 {
-                    plane[l] += wy[j] * row[l];
-                    slope[l] += dy[j] * row[l];
-                }
-            }
-            for l in 0..4 {
-                sum[l] += wx[i] * plane[l];
-                along_x[l] += dx[i] * plane[l];
-                along_y[l] += wx[i] * slope[l];
-            }
-        }
-        let scale = self.cells_per_unit() as f32;
-        (
-            dot(sum, wz),
-            [
-                dot(along_x, wz) * scale,
-                dot(along_y, wz) * scale,
-                dot(sum, dz) * scale,
-            ],
-        )
-    }
-
+    #[inline]
     fn solid_value(&self, raw: f32) -> f32 {
         match self.solid {
             Solid::Below | Solid::Above => raw * self.sign,
@@ -346,13 +238,14 @@ impl Table {
     /// Values at points, into `out` of the same length.
     pub fn values(&self, points: &[CellPoint<3>], out: &mut [f32]) {
         for (v, &p) in out.iter_mut().zip(points) {
-            *v = self.solid_value(self.raw(p));
+            *v = self.solid_value(self.spline.value(p.0.into()));
         }
     }
 
     /// Value and gradient in single precision, as they are computed.
+    #[inline]
     pub fn sample(&self, p: CellPoint<3>) -> (f32, [f32; 3]) {
-        let (raw, g) = self.raw_with_gradient(p);
+        let (raw, g) = self.spline.value_and_gradient(p.0.into());
         let slope = match self.solid {
             Solid::Below | Solid::Above => self.sign,
             Solid::Sheet => 1f32.copysign(raw),
@@ -377,10 +270,12 @@ fn meets_tet(lo: Vec3, h: f64) -> bool {
 impl Field for Table {
     type Point = CellPoint<3>;
 
+    #[inline]
     fn value(&self, p: CellPoint<3>) -> f64 {
-        f64::from(self.solid_value(self.raw(p)))
+        f64::from(self.solid_value(self.spline.value(p.0.into())))
     }
 
+    #[inline]
     fn value_and_gradient(&self, p: CellPoint<3>) -> (f64, Vec3) {
         let (v, g) = self.sample(p);
         (f64::from(v), Vec3::from(g.map(f64::from)))

@@ -214,7 +214,15 @@ fn hausdorff(cell: &Cell, target: &Target, extra: &Extra, band_limit: f64) -> Op
     let mut points = theirs;
     // An image of an unsymmetric source is not its average: only a symmetric one has these points.
     if target.symmetric {
-        points.extend(extra.points.iter().step_by(stride));
+        let corners = flag(element);
+        // Of a point's images the one in the flag's cone reaches farthest along any vector in it.
+        let inner = corners[1] + corners[2] + corners[3];
+        let operators = &target.images.operators;
+        let image = |q: &Vec3| {
+            let reach = |a: &Vec3, b: &Vec3| a.dot(&inner).total_cmp(&b.dot(&inner));
+            operators.iter().map(|m| m * q).max_by(reach).unwrap_or(*q)
+        };
+        points.extend(extra.points.iter().step_by(stride).map(image));
     }
     let source_to_cell = points
         .par_iter()

@@ -70,7 +70,7 @@ pub fn fit_mesh(
         let [a, b, c] = corners;
         let size = (b - a).cross(&(c - a)).norm() / 2.0;
         area += size;
-        let within = |p: Vec3| element.face_distance(CellPoint(p)) <= 0.0;
+        let within = |p: Vec3| element.face_distance(CellPoint(p)) <= CAP_TOLERANCE;
         // Large triangles that cross a face count by their corners and centre.
         let centre = (a + b + c) / 3.0;
         let hits = [a, b, c, centre].into_iter().filter(|p| within(*p)).count();

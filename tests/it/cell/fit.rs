@@ -2,7 +2,7 @@
 
 use super::{at, vec3};
 use druse::cell::{
-    Caps, Cell, FitError, FitOptions, Placement, Sample, Series, Surface, fit, fit_mesh,
+    Caps, Cell, FitError, FitOptions, Placement, Sample, Series, Solid, Surface, fit, fit_mesh,
     least_squares,
 };
 use druse::field::Field;
@@ -369,4 +369,82 @@ fn placements_lead_to_the_same_cell() {
         message.contains("nothing solid") && message.contains("fills the box [8.0, -22.0, 1.0]"),
         "{message}"
     );
+}
+
+#[test]
+fn thickness_is_the_diameter_of_struts_and_the_wall_of_sheets() {
+    let quick = FitOptions {
+        measure: false,
+        ..options(6.0)
+    };
+    // Struts of diameter 0.2 on the axes, and along the edges of a tet of diameter 0.16.
+    for (element, source, diameter) in [
+        (Element::Hex, cross as Shape, 0.2),
+        (Element::Tet, edge_frame as Shape, 0.16),
+    ] {
+        let cell = fit("x", element, &source, &quick, &Silent).unwrap();
+        let found = cell.thickness().unwrap();
+        assert!((found / diameter - 1.0).abs() < 0.08, "{element:?} {found}");
+        let level = cell.level_for_thickness(1.5 * diameter).unwrap();
+        let thicker = cell.clone().with_solid(Solid::Below, level).unwrap();
+        assert!((thicker.thickness().unwrap() / (1.5 * diameter) - 1.0).abs() < 0.02);
+        // The field is a distance, so that the level is the growth of the radius.
+        assert!((level - diameter / 4.0).abs() < 0.02, "{level}");
+        assert!(cell.level_for_thickness(9.0).is_err() && cell.level_for_thickness(-1.0).is_err());
+    }
+    let sheet = Surface::SchwarzP
+        .cell(Element::Hex)
+        .unwrap()
+        .sheet(0.1)
+        .unwrap();
+    let level = sheet.level_for_thickness(0.05).unwrap();
+    let thin = sheet.with_solid(Solid::Sheet, level).unwrap();
+    assert!((thin.thickness().unwrap() - 0.05).abs() < 1e-12);
+    // Volume of the sheet: area of the surface (2.3451 for the minimal one) times the thickness.
+    assert!(
+        (thin.volume_fraction() / 0.05 - 2.35).abs() < 0.1,
+        "{}",
+        thin.volume_fraction()
+    );
+}
+
+/// A pipeline's view: the strut cells that ship with the examples are met and joined.
+#[test]
+fn the_shipped_strut_cells_are_fitted() {
+    for (element, path) in [
+        (Element::Tet, "examples/bracket/strut.stl"),
+        (Element::Hex, "tests/data/strut_hex.stl"),
+    ] {
+        let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join(path);
+        let mesh = druse::io::read_mesh(path).unwrap().mesh;
+        let place = Placement::Reference;
+        let cell = fit_mesh(
+            "strut",
+            element,
+            &mesh,
+            &place,
+            Caps::Exclude,
+            &options(8.0),
+            &Silent,
+        )
+        .unwrap();
+        let report = cell.report().unwrap();
+        println!("{report:?}");
+        let source = report.source.unwrap();
+        assert!(source.caps > 0 && source.share_inside > 0.99, "{source:?}");
+        assert!(
+            report.kept_energy > 0.99 && report.symmetry_residual < 2e-3,
+            "{report:?}"
+        );
+        assert!(
+            report.rms < 0.005 && report.hausdorff.unwrap().max() < 0.04,
+            "{report:?}"
+        );
+        let pieces = report.components.unwrap();
+        assert_eq!(
+            (pieces.source_solid, pieces.cell_solid),
+            (1, 1),
+            "{pieces:?}"
+        );
+    }
 }
