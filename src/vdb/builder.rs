@@ -94,7 +94,7 @@ impl LevelSetBuilder {
                 continue;
             }
             for (n, &value) in values.iter().enumerate() {
-                if !(value.abs() <= most) {
+                if value.is_nan() || value.abs() > most {
                     let n = n as i32;
                     return Err(VdbError::Value {
                         voxel: origin.offset(n >> 6, n >> 3 & 7, n & 7),
