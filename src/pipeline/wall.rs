@@ -3,10 +3,13 @@
 //! A ball that touches the surface at p, with inward normal n, and passes through another surface
 //! point q has its centre at p + r n with r = |q - p|^2 / (2 (q - p).n), and sees the two contacts
 //! under an angle t when (q - p).n = |q - p| sin(t / 2). Only contacts with t >= 100 degrees, whose
-//! own normal is turned as far against n, are looked at: 90, below which a ball sits in an edge, and 10 for the noise of normals, since right edges are
-//! everywhere. The least such r is found by a shrinking ball: start from a large one, take the nearest q to its centre, shrink until q lies on
-//! it, repeat (Ma, Bae and Choi 2012). The ball counts if it is inscribed, that is if no other part
-//! of the surface reaches into it; in convex edges one does, and they say nothing about walls.
+//! own normal is turned as far against n, are looked at: 90, below which a ball sits in an edge, and
+//! 10 for the noise of normals, since right edges are everywhere. The least such r is found by a
+//! shrinking ball: start from one that holds such a point, take the q nearest to its centre, shrink
+//! until q lies on it, repeat (Ma, Bae and Choi 2012). Balls that touch at p are nested, so the result
+//! does not depend on the start: it is found by doubling, since a search in a ball that is far too
+//! large visits most of the part. The ball counts if it is inscribed, that is if no other part of the
+//! surface reaches into it; in convex edges one does, and they say nothing about walls.
 
 use crate::frame::Vec3;
 use crate::mesh::TriMesh;
@@ -43,6 +46,7 @@ pub(super) fn least_wall(
     let normals = inward_normals(mesh);
     let tree = Tree::new(points, &normals);
     let widest = mesh.bounds().size().max();
+    let first = (mesh.area() / mesh.triangles().len().max(1) as f64).sqrt();
     let stride = points.len().div_ceil(SAMPLES).max(1);
     let samples: Vec<usize> = (0..points.len()).step_by(stride).collect();
     progress.stage("walls", Some(samples.len() as u64));
@@ -54,7 +58,7 @@ pub(super) fn least_wall(
                 return Err(Cancelled);
             }
             progress.advance(1);
-            Ok(inscribed(points[s], normals[s], &tree, widest))
+            Ok(inscribed(points[s], normals[s], &tree, [first, widest]))
         })
         .collect::<Result<_, _>>()?;
     let mut walls: Vec<Wall> = walls.into_iter().flatten().collect();
@@ -62,12 +66,12 @@ pub(super) fn least_wall(
     Ok(walls.get(walls.len() / 100).copied())
 }
 
-fn inscribed(p: Vec3, inward: Vec3, tree: &Tree, widest: f64) -> Option<Wall> {
+/// The ball that touches at `p`, with a radius between these two (the second is not looked beyond).
+fn inscribed(p: Vec3, inward: Vec3, tree: &Tree, [first, widest]: [f64; 2]) -> Option<Wall> {
     if inward == Vec3::zeros() {
         return None;
     }
-    let (mut radius, mut found) = (widest, false);
-    for _ in 0..STEPS {
+    let shrunk = |radius: f64| {
         let opposite = |q: &Site| {
             let d = q.place - p;
             d.dot(&inward) >= OPPOSITE * d.norm()
@@ -75,17 +79,28 @@ fn inscribed(p: Vec3, inward: Vec3, tree: &Tree, widest: f64) -> Option<Wall> {
                 && q.inward.dot(&inward) <= TURNED
         };
         let centre = p + inward * radius;
-        let Some(q) = tree.nearest_within(centre, radius * (1.0 - 5e-3), opposite) else {
-            break;
-        };
+        let q = tree.nearest_within(centre, radius * (1.0 - 5e-3), opposite)?;
         let d = q - p;
-        radius = d.norm_squared() / (2.0 * d.dot(&inward));
-        found = true;
+        Some(d.norm_squared() / (2.0 * d.dot(&inward)))
+    };
+    let mut start = first;
+    let mut radius = loop {
+        match shrunk(start) {
+            Some(radius) => break radius,
+            None if start >= widest => return None,
+            None => start = (2.0 * start).min(widest),
+        }
+    };
+    for _ in 1..STEPS {
+        match shrunk(radius) {
+            Some(smaller) => radius = smaller,
+            None => break,
+        }
     }
     let place = p + inward * radius;
     let reach = radius * (1.0 - DEPTH);
     let pierced = || tree.nearest_within(place, reach, |_| true).is_some();
-    (found && !pierced()).then(|| Wall {
+    (!pierced()).then(|| Wall {
         thickness: 2.0 * radius,
         place,
     })

@@ -140,8 +140,7 @@ fn one_thread_and_two_give_the_same_content() {
 fn an_estimate_is_within_a_fifth() {
     for text in [
         STRUTS.to_owned(),
-        "druse = 1\n[band]\nvoxel_size = 0.1\n[[op]]\nunion = { sphere = { radius = 5 } }\n"
-            .into(),
+        "druse = 1\n[band]\nvoxel_size = 0.1\n[[op]]\nunion = { sphere = { radius = 5 } }\n".into(),
     ] {
         let recipe = recipe(&text);
         let estimate = plan(&recipe, &RunOptions::default(), &Silent).unwrap();
