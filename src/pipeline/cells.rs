@@ -126,6 +126,15 @@ fn placement(place: &CellPlace) -> Placement {
     }
 }
 
+/// The cell with another side solid, at a level that is still to be found.
+fn sided(cell: Cell, side: Solid) -> Result<Cell, CellFault> {
+    Ok(if side == Solid::Sheet {
+        cell.sheet(1.0)?
+    } else {
+        cell.with_solid(side, 0.0)?
+    })
+}
+
 /// Level and solid side of a cell as a section says; what it leaves out stays as it is.
 pub fn levelled(cell: Cell, section: &CellSection) -> Result<Cell, CellFault> {
     let side = section.solid.map(|s| match s {
@@ -135,16 +144,13 @@ pub fn levelled(cell: Cell, section: &CellSection) -> Result<Cell, CellFault> {
     });
     let mut cell = cell;
     if let Some(thickness) = section.thickness {
-        // Half the wall, as a value of the field: the mean slope on the surface turns one to the other.
-        let half = thickness.0 / 2.0 * cell.gamma();
-        cell = cell.sheet(half)?;
+        let side = side.unwrap_or(cell.solid());
+        cell = sided(cell, side)?;
+        let level = cell.level_for_thickness(thickness.0)?;
+        cell = cell.with_solid(side, level)?;
     } else if let Some(fraction) = section.volume_fraction {
         let side = side.unwrap_or(cell.solid());
-        if side == Solid::Sheet {
-            cell = cell.sheet(1.0)?;
-        } else {
-            cell = cell.with_solid(side, 0.0)?;
-        }
+        cell = sided(cell, side)?;
         let level = cell.level_for_volume_fraction(fraction.0)?;
         cell = cell.with_solid(side, level)?;
     } else if section.level.is_some() || side.is_some() {

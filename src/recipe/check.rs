@@ -53,19 +53,10 @@ fn cells(sections: &Sections, source: &Source) -> Checked {
                 format!("{key} takes one of level, volume_fraction, thickness; found {found}"),
             ));
         }
-        let sheet = cell.solid == Some(Solid::Sheet);
-        if cell.thickness.is_some() && !sheet {
-            return Err(source
-                .fault(
-                    &format!("{key}.thickness"),
-                    "thickness is the wall of a sheet, but the cell is no sheet",
-                )
-                .hint("add solid = \"sheet\", or set level or volume_fraction"));
-        }
-        if sheet && cell.thickness.is_none() && cell.volume_fraction.is_none() {
+        if cell.solid == Some(Solid::Sheet) && levels.is_empty() {
             return Err(source.fault(
                 &format!("{key}.solid"),
-                "a sheet needs its thickness or volume_fraction",
+                "a sheet needs its thickness, volume_fraction or level (half its thickness in field units)",
             ));
         }
     }

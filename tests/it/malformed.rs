@@ -4,7 +4,7 @@
 //! again with `DRUSE_MALFORMED` set: there peak memory is that of the reader alone.
 
 use druse::frame::{LengthUnit, Vec3};
-use druse::io::{ErrorClass, ReadError, read_mesh, read_scaffold, write_mesh};
+use druse::io::{ErrorClass, ReadError, read_cell, read_mesh, read_scaffold, write_mesh};
 use druse::mesh::TriMesh;
 use std::fs;
 use std::io::{Read, Write};
@@ -73,6 +73,21 @@ fn text_ply() -> Vec<u8> {
         writeln!(out, "3 {a} {b} {c}").unwrap();
     }
     out
+}
+
+fn cell(path: &Path) -> Result<(), ReadError> {
+    read_cell(path).map(|_| ())
+}
+
+/// Closed forms of both elements, as our own writer writes them.
+fn cells() -> Vec<Vec<u8>> {
+    use druse::{cell::Surface, frame::Element};
+    [
+        (Surface::Diamond, Element::Tet),
+        (Surface::FRd, Element::Hex),
+    ]
+    .map(|(s, e)| s.cell(e).unwrap().to_json().into_bytes())
+    .to_vec()
 }
 
 fn scaffold(path: &Path) -> Result<(), ReadError> {
@@ -156,6 +171,7 @@ fn formats() -> Vec<Format> {
             stored(&["hex8_text.vtu", "hex8_zlib.vtu", "hex8_base64.vtu"]),
             scaffold,
         ),
+        row("cell", "cell", cells(), cell),
         row(
             "vtu appended",
             "vtu",

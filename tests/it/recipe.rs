@@ -186,7 +186,6 @@ fn rules_between_keys_are_checked_at_their_place() {
             "exactly one source",
         ),
         ("solid = \"below\"", "solid = \"belwo\"", 11, "unknown word"),
-        ("volume_fraction = 0.3", "thickness = 0.3", 10, "no sheet"),
         (
             "volume_fraction = 0.3\nsolid = \"below\"",
             "solid = \"sheet\"",
