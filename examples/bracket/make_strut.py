@@ -41,7 +41,7 @@ def ball(radius, divisions=12):
 def cell(element):
     """The solid inside its element."""
     if element == "tet":
-        parts = [strut(-vertex / 3, 0.09) for vertex in TET] + [ball(0.135)]
+        parts = [strut(-vertex / 3, 0.12) for vertex in TET] + [ball(0.17)]
         return manifold3d.Manifold.batch_boolean(parts, manifold3d.OpType.Add) ^ manifold3d.Manifold.hull_points(TET)
     faces = np.concatenate([np.eye(3), -np.eye(3)]) / 2
     corners = np.array(list(itertools.product((-0.5, 0.5), repeat=3)))

@@ -140,10 +140,10 @@ fn the_bracket_is_a_sound_scaffold() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/bracket/bracket.msh");
     let s = read_scaffold(path).unwrap().scaffold;
     let report = s.validate().unwrap();
-    assert_eq!(report.kinds, [(Kind::Tet10, 2711)]);
+    assert_eq!(report.kinds, [(Kind::Tet10, 1668)]);
     assert_eq!((report.components, report.warnings()), (1, Vec::new()));
-    // Its mid nodes were moved by an elastic analogy: no element is quite straight.
-    assert_eq!(report.curved, 2711);
+    // Only elements with an edge on a hole, the crown or a fillet are curved: affine maps are faster.
+    assert!((100..800).contains(&report.curved), "{}", report.curved);
     let boundary = s.boundary(0, 0.01);
     assert!(super::is_closed(&boundary.mesh));
     let gap = (boundary.mesh.volume() / report.volume - 1.0).abs();
