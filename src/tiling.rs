@@ -38,7 +38,7 @@ mod source;
 
 pub use source::CellField;
 
-use near::Local;
+use near::{Known, Local};
 use patch::Patch;
 
 /// How distances are measured across element faces.
@@ -113,8 +113,6 @@ pub enum TilingError {
 /// A set of elements joined by faces.
 struct Component {
     boundary: MeshSolid,
-    /// The element behind each triangle of the boundary.
-    behind: Vec<u32>,
 }
 
 /// What [`TiledSolid::sample`] finds at a point of the scaffold.
@@ -192,7 +190,6 @@ impl<'a, C: CellField> TiledSolid<'a, C> {
             let outer = scaffold.boundary(number, CHORD * options.voxel_size);
             components.push(Component {
                 boundary: MeshSolid::new(outer.mesh),
-                behind: outer.faces.iter().map(|f| f.element).collect(),
             });
         }
         Ok(Self {
@@ -266,27 +263,22 @@ impl<'a, C: CellField> TiledSolid<'a, C> {
 
     /// The distance field of one component at a point.
     fn component_value(&self, component: usize, x: Vec3) -> f64 {
+        let boundary = &self.components[component].boundary;
         let w = self.options.half_width;
+        if self.is_cut() && !boundary.bounds().dilated(w).contains(WorldPoint(x)) {
+            return w;
+        }
         let here = Aabb { min: x, max: x };
-        let bounds = self.components[component].boundary.bounds();
-        if self.is_cut() && !bounds.dilated(w).contains(WorldPoint(x)) {
-            return w;
-        }
         let mut local = Local::new(self.near(component, &here, self.margin()));
-        let owner = self.owner(&mut local, x);
-        let depth = if self.is_cut() {
-            self.depth(component, x, owner.is_some())
-        } else {
-            -w
-        };
-        if depth >= w {
-            return w;
+        if self.owner(&mut local, x).is_none() {
+            // The value is taken at the closest point of the boundary.
+            let q = boundary.closest(x).point;
+            let wide = here
+                .union(Aabb { min: q, max: q })
+                .dilated(self.chord_slack());
+            local = Local::new(self.near(component, &wide, self.margin()));
         }
-        let d = match owner {
-            Some(at) => self.distance(&local, at, x),
-            None => self.continued(component, None, x),
-        };
-        d.max(depth).clamp(-w, w)
+        self.value_at(component, &mut local, x, Known::NOTHING)
     }
 
     /// Which components give the value at `x`, when their boundaries do not cut: those that
@@ -336,7 +328,7 @@ impl<C: CellField> Field for TiledSolid<'_, C> {
                     break;
                 }
             }
-            (best[0] + best[1]) / 2.0
+            f64::midpoint(best[0], best[1])
         });
         (here, gradient)
     }

@@ -62,8 +62,7 @@ impl Neighbourhood {
 
     /// Voxels of the leaf that have one of their 26 neighbours on the other side, in the mask's layout.
     pub fn next_to_change(&self) -> [u64; 8] {
-        let [wide_negative, wide_positive] =
-            [&self.negative, &self.positive].map(|rows| widen(rows));
+        let [wide_negative, wide_positive] = [&self.negative, &self.positive].map(widen);
         let mut words = [0; 8];
         for x in 0..8 {
             for y in 0..8 {

@@ -1,7 +1,7 @@
 //! What the tiling's values can be in a box: bounds of the cell over the box's image in each element.
 
 use super::near::Near;
-use super::{CHORD, CellField, Distance, TiledSolid};
+use super::{CellField, Distance, TiledSolid};
 use crate::field::Interval;
 use crate::frame::Aabb;
 
@@ -32,7 +32,7 @@ impl<C: CellField> TiledSolid<'_, C> {
         if self.is_cut() && !boundary.bounds().dilated(w).meets(*region) {
             return Interval::new(w, w);
         }
-        let depth = crate::field::Field::bound(boundary, region);
+        let depth = self.boundary_range(component, region);
         if self.is_cut() && depth.lo >= w {
             return Interval::new(w, w);
         }
@@ -57,7 +57,7 @@ impl<C: CellField> TiledSolid<'_, C> {
     /// How far from a box the points can be at which the field is taken, if the box reaches up to
     /// `outside` beyond the boundary: 0 if it lies in the scaffold.
     pub(super) fn reach(&self, outside: f64) -> f64 {
-        let slack = 2.0 * CHORD * self.options.voxel_size;
+        let slack = self.chord_slack();
         if outside < -slack {
             0.0
         } else if self.is_cut() {

@@ -1,6 +1,6 @@
 //! The tiling's values in bulk: what can be decided for small boxes is not asked of samples.
 
-use super::near::Local;
+use super::near::{Known, Local};
 use super::{CellField, TiledSolid};
 use crate::field::{Field, SampleLattice};
 use crate::frame::{Aabb, Vec3, WorldPoint};
@@ -41,54 +41,47 @@ impl<C: CellField> TiledSolid<'_, C> {
     /// Values of one component, its boundary included.
     fn fill_one(&self, component: usize, lattice: &SampleLattice<WorldPoint>, out: &mut [f32]) {
         let w = self.options.half_width;
-        let boundary = &self.components[component].boundary;
         let span = lattice.span();
-        let depth = boundary.bound(&span);
-        if self.is_cut() && depth.lo >= w {
+        let whole_depth = self.boundary_range(component, &span);
+        if self.is_cut() && whole_depth.lo >= w {
             out.fill(w as f32);
             return;
         }
-        let reach = self.reach(depth.hi);
-        let mut local = Local::new(self.near(component, &span.dilated(reach), self.margin()));
-        // Signed distances to the boundary, where they can exceed -w.
-        let mut depths = vec![-w as f32; out.len()];
-        if self.is_cut() && depth.hi > -w {
-            boundary.fill(lattice, &mut depths);
-        }
-        let mut samples = Vec::with_capacity(PART * PART * PART);
+        let reached = span.dilated(self.reach(whole_depth.hi));
+        let wide = self.near(component, &reached, self.margin());
+        let mut local = Local::empty();
         for part in parts(lattice) {
-            part.indices(lattice, &mut samples);
-            let highest = if self.is_cut() && depth.hi > -w {
-                samples
-                    .iter()
-                    .map(|&n| f64::from(depths[n]))
-                    .fold(f64::NEG_INFINITY, f64::max)
+            let region = part.span(lattice);
+            let depth = if whole_depth.hi <= -w {
+                whole_depth
             } else {
-                depth.hi
+                self.boundary_range(component, &region)
             };
-            let box_of_part = part.span(lattice).dilated(self.reach(highest));
-            let whole = self
-                .field_range(&local.near, &box_of_part)
-                .map(|f| self.distance_range(component, &local.near, &box_of_part, f));
-            let constant = match whole {
-                Some(d) if d.lo >= w => Some(w),
-                Some(d) if d.hi <= -w => Some(-w),
+            let mut known = Known {
+                constant: None,
+                is_deep: depth.hi <= -w,
+                distance: depth.hi.abs().max(depth.lo.abs()),
+            };
+            let region = region.dilated(self.reach(depth.hi.min(whole_depth.hi)));
+            self.narrow(&wide, &region, &mut local);
+            let range = self
+                .field_range(&local.near, &region)
+                .map(|f| self.distance_range(component, &local.near, &region, f));
+            if let Some(d) = range {
+                known.constant = [w, -w]
+                    .into_iter()
+                    .find(|&c| (c > 0.0 && d.lo >= c) || (c < 0.0 && d.hi <= c));
+            }
+            let whole = match known.constant {
+                _ if self.is_cut() && depth.lo >= w => Some(w),
+                Some(c) if c > 0.0 || known.is_deep || !self.is_cut() => Some(c),
                 _ => None,
             };
-            for &n in &samples {
-                let outside = f64::from(depths[n]);
-                let d = if outside >= w {
-                    w
-                } else if let Some(d) = constant {
-                    d
-                } else {
+            for n in part.indices(lattice) {
+                out[n] = whole.unwrap_or_else(|| {
                     let x = lattice.point(n).0;
-                    match self.owner(&mut local, x) {
-                        Some(at) => self.distance(&local, at, x),
-                        None => self.continued(component, Some(&mut local), x),
-                    }
-                };
-                out[n] = d.max(outside).clamp(-w, w) as f32;
+                    self.value_at(component, &mut local, x, known)
+                }) as f32;
             }
         }
     }
@@ -113,15 +106,15 @@ impl PartOfLattice {
     }
 
     /// Storage indices of the part's samples, z fastest.
-    fn indices(&self, lattice: &SampleLattice<WorldPoint>, out: &mut Vec<usize>) {
+    fn indices(&self, lattice: &SampleLattice<WorldPoint>) -> impl Iterator<Item = usize> + use<> {
         let [_, ny, nz] = lattice.counts;
-        out.clear();
-        for i in self.first[0]..=self.last[0] {
-            for j in self.first[1]..=self.last[1] {
+        let (first, last) = (self.first, self.last);
+        (first[0]..=last[0]).flat_map(move |i| {
+            (first[1]..=last[1]).flat_map(move |j| {
                 let row = (i * ny + j) * nz;
-                out.extend(row + self.first[2]..=row + self.last[2]);
-            }
-        }
+                row + first[2]..=row + last[2]
+            })
+        })
     }
 }
 

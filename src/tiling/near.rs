@@ -1,7 +1,8 @@
 //! Which elements matter at a point: its owner, its neighbours, the continuation outside.
 
 use super::patch::{ON_FACE, Patch, Spot};
-use super::{Boundary, CHORD, CellField, Component, Distance, TiledSolid};
+use super::{Boundary, CHORD, CellField, Distance, TiledSolid};
+use crate::field::Interval;
 use crate::frame::{Aabb, Vec3};
 
 /// Elements of one component near a box, by ascending number.
@@ -15,8 +16,24 @@ pub(super) struct Near {
 /// it is found.
 pub(super) struct Local {
     pub near: Near,
-    /// Place in `near` of the last point's owner, and its reference coordinates there.
-    last: Option<(usize, Vec3)>,
+    /// The last point's owner, and its reference coordinates there.
+    last: Option<(u32, Vec3)>,
+}
+
+/// What is known of a point before it is looked at; see [`TiledSolid::value_at`].
+#[derive(Clone, Copy)]
+pub(super) struct Known {
+    pub constant: Option<f64>,
+    pub is_deep: bool,
+    pub distance: f64,
+}
+
+impl Known {
+    pub const NOTHING: Self = Self {
+        constant: None,
+        is_deep: false,
+        distance: f64::INFINITY,
+    };
 }
 
 /// A point's owner: its place in the list of near elements, and the point as it sees it.
@@ -29,6 +46,14 @@ pub(super) struct Owner {
 impl Local {
     pub fn new(near: Near) -> Self {
         Self { near, last: None }
+    }
+
+    /// An empty list, to be filled by [`TiledSolid::narrow`].
+    pub fn empty() -> Self {
+        Self::new(Near {
+            patches: Vec::new(),
+            slope_sup: 0.0,
+        })
     }
 }
 
@@ -57,11 +82,28 @@ impl<C: CellField> TiledSolid<'_, C> {
                 && !self.patches[e as usize].misses(centre, half, margin)
         });
         patches.sort_unstable();
-        let slope_sup = patches
+        let slope_sup = self.slope_sup(&patches);
+        Near { patches, slope_sup }
+    }
+
+    fn slope_sup(&self, patches: &[u32]) -> f64 {
+        patches
             .iter()
             .map(|&e| self.patches[e as usize].slope_sup)
-            .fold(0.0, f64::max);
-        Near { patches, slope_sup }
+            .fold(0.0, f64::max)
+    }
+
+    /// Keeps of a wider list what may be near a point of `region`.
+    pub(super) fn narrow(&self, wide: &Near, region: &Aabb, local: &mut Local) {
+        let (centre, half, margin) = (region.centre().0, region.size() / 2.0, self.margin());
+        let patches = &mut local.near.patches;
+        patches.clear();
+        patches.extend(
+            wide.patches
+                .iter()
+                .filter(|&&e| !self.patches[e as usize].misses(centre, half, margin)),
+        );
+        local.near.slope_sup = self.slope_sup(patches);
     }
 
     pub(super) fn patch(&self, local: &Local, place: usize) -> &Patch {
@@ -77,12 +119,12 @@ impl<C: CellField> TiledSolid<'_, C> {
     /// The element of lowest number that contains a point.
     pub(super) fn owner(&self, local: &mut Local, x: Vec3) -> Option<Owner> {
         let margin = ON_FACE * x.amax().max(self.options.voxel_size) + ON_FACE * self.delta();
-        if let Some((place, start)) = local.last {
+        if let Some((number, start)) = local.last {
             // Well inside one element no other can contain the point.
-            let patch = self.patch(local, place);
-            if let Some(spot) = patch.spot(self.scaffold, x, 0.0, Some(start)) {
-                if spot.beyond < -ON_FACE {
-                    local.last = Some((place, spot.xi));
+            let patch = &self.patches[number as usize];
+            if let Some(spot) = patch.inside(self.scaffold, x, start) {
+                if let Ok(place) = local.near.patches.binary_search(&number) {
+                    local.last = Some((number, spot.xi));
                     return Some(Owner { place, spot });
                 }
             }
@@ -90,7 +132,7 @@ impl<C: CellField> TiledSolid<'_, C> {
         for place in 0..local.near.patches.len() {
             if let Some(spot) = self.spot(local, place, x, margin) {
                 if spot.beyond <= ON_FACE {
-                    local.last = Some((place, spot.xi));
+                    local.last = Some((local.near.patches[place], spot.xi));
                     return Some(Owner { place, spot });
                 }
             }
@@ -98,30 +140,75 @@ impl<C: CellField> TiledSolid<'_, C> {
         None
     }
 
-    /// The distance outside the scaffold, before the boundary has its say: the value at the closest
-    /// point. `local` serves if its elements reach that point.
-    pub(super) fn continued(&self, component: usize, local: Option<&mut Local>, x: Vec3) -> f64 {
-        let Component { boundary, behind } = &self.components[component];
-        let closest = boundary.closest(x);
-        let Some(behind) = behind.get(closest.triangle as usize) else {
-            return self.options.half_width;
-        };
-        let q = closest.point;
-        if let Some(local) = local {
-            if local.near.patches.binary_search(behind).is_ok() {
-                return self.landed(local, x, q);
+    /// The component's value at `x`, its boundary included. `local` must hold all elements near `x`
+    /// and near the boundary points closest to it.
+    ///
+    /// Known beforehand may be: the field's own `constant` value near here; that the boundary's
+    /// distance cannot show (`is_deep`: more than w inside); a bound of the distance to it.
+    pub(super) fn value_at(
+        &self,
+        component: usize,
+        local: &mut Local,
+        x: Vec3,
+        known: Known,
+    ) -> f64 {
+        let w = self.options.half_width;
+        let slack = self.chord_slack();
+        let boundary = &self.components[component].boundary;
+        let Some(at) = self.owner(local, x) else {
+            if known.is_deep {
+                return self.in_a_gap(local, x);
             }
+            if !self.is_cut() {
+                return self.continued(local, x, boundary.closest(x).point);
+            }
+            let radius = w.min(known.distance * (1.0 + 1e-9));
+            return match boundary.closest_within(x, radius) {
+                Some(c) => {
+                    let outside = if c.distance < self.on_boundary() {
+                        0.0
+                    } else if c.distance < slack && boundary.contains(x) {
+                        -c.distance
+                    } else {
+                        c.distance
+                    };
+                    let d = known
+                        .constant
+                        .unwrap_or_else(|| self.continued(local, x, c.point));
+                    d.max(outside).min(w)
+                }
+                None if boundary.contains(x) => self.in_a_gap(local, x),
+                None => w,
+            };
+        };
+        let d = known
+            .constant
+            .unwrap_or_else(|| self.distance(local, at, x));
+        if known.is_deep || d >= w || !self.is_cut() {
+            return d;
         }
-        let here = Aabb { min: q, max: q };
-        let near = self.near(component, &here, self.margin() + self.delta());
-        self.landed(&mut Local::new(near), x, q)
+        // The boundary shows only where it is nearer than the surface.
+        match boundary.closest_within(x, slack.max(-d).min(known.distance * (1.0 + 1e-9))) {
+            Some(c) if c.distance < self.on_boundary() => d.max(0.0),
+            Some(c) if c.distance < slack && !boundary.contains(x) => d.max(c.distance),
+            Some(c) => d.max(-c.distance),
+            None => d,
+        }
     }
 
-    /// The value outside, at `x`, where `q` is the point of the boundary's triangles closest to it.
-    /// On curved faces the triangles run up to the chordal error off the elements: within a
-    /// voxel of them the point of evaluation fades into the foot of `x` on the element itself, so
-    /// that nothing jumps where the scaffold ends.
-    fn landed(&self, local: &mut Local, x: Vec3, q: Vec3) -> f64 {
+    /// The value at a point that rounding has put between two elements.
+    fn in_a_gap(&self, local: &mut Local, x: Vec3) -> f64 {
+        match self.nearest(local, x) {
+            Some((at, point)) => self.distance(local, at, point),
+            None => self.options.half_width,
+        }
+    }
+
+    /// The distance outside the scaffold, before the boundary has its say: the value at the closest
+    /// point of the scaffold, `q` on the boundary's triangles. On curved faces these run up to the
+    /// chordal error off the elements: within a voxel of them the point of evaluation fades into the
+    /// foot of `x` on the element itself, so that nothing jumps where the scaffold ends.
+    fn continued(&self, local: &mut Local, x: Vec3, q: Vec3) -> f64 {
         let Some((mut at, mut point)) = self.nearest(local, q) else {
             return self.options.half_width;
         };
@@ -161,24 +248,35 @@ impl<C: CellField> TiledSolid<'_, C> {
         Some((Owner { place, spot }, point))
     }
 
-    /// Signed distance to a component's boundary where it is less than `w`, else minus or plus `w`.
-    /// Whether an element `owns` the point tells its side unless it lies within the chordal error.
-    pub(super) fn depth(&self, component: usize, x: Vec3, owned: bool) -> f64 {
-        let w = self.options.half_width;
+    /// Bounds of the signed distance to a component's boundary over a box. What lies beyond -w or
+    /// w is not told apart, except outside where the boundary does not cut.
+    pub(super) fn boundary_range(&self, component: usize, region: &Aabb) -> Interval {
         let boundary = &self.components[component].boundary;
-        let Some(closest) = boundary.closest_within(x, w) else {
-            return if owned { -w } else { w };
-        };
-        let inside = if closest.distance > 2.0 * CHORD * self.options.voxel_size {
-            owned
+        let (centre, radius) = (region.centre().0, region.half_diagonal());
+        let reach = radius + self.options.half_width + self.chord_slack();
+        let inside = boundary.contains(centre);
+        let closest = if self.is_cut() || inside {
+            boundary.closest_within(centre, reach)
         } else {
-            boundary.contains(x)
+            Some(boundary.closest(centre))
         };
-        if inside {
-            -closest.distance
-        } else {
-            closest.distance
+        match (closest, inside) {
+            (Some(c), true) => Interval::new(-c.distance - radius, radius - c.distance),
+            (Some(c), false) => Interval::new(c.distance - radius, c.distance + radius),
+            (None, true) => Interval::new(f64::NEG_INFINITY, radius - reach),
+            (None, false) => Interval::new(reach - radius, f64::INFINITY),
         }
+    }
+
+    /// Nearer than this to the boundary's triangles a point lies on them, which is outside: samples
+    /// in the plane of a face must not be told apart by rounding.
+    fn on_boundary(&self) -> f64 {
+        1e-6 * self.options.voxel_size
+    }
+
+    /// Further than this from the boundary's triangles an owner means inside.
+    pub(super) fn chord_slack(&self) -> f64 {
+        2.0 * CHORD * self.options.voxel_size
     }
 
     /// Whether the scaffold's outer faces end the solid.

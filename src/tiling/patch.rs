@@ -111,6 +111,15 @@ impl Patch {
         m.max(low).max(high)
     }
 
+    /// Whether a point is certainly further than `margin` outside.
+    fn is_beyond(&self, x: Vec3, margin: f64) -> bool {
+        self.walls[..self.wall_count]
+            .iter()
+            .any(|wall| wall.normal.dot(&x) - wall.offset > margin)
+            || (self.bounds.min - x).max() > margin
+            || (x - self.bounds.max).max() > margin
+    }
+
     /// A lower bound of a point's distance to the plane of a face; curved faces have none.
     pub fn face_distance(&self, face: usize, x: Vec3) -> f64 {
         match self.inverse {
@@ -140,7 +149,7 @@ impl Patch {
         margin: f64,
         start: Option<Vec3>,
     ) -> Option<Spot> {
-        if self.outside_walls(x) > margin {
+        if self.is_beyond(x, margin) {
             return None;
         }
         match &self.inverse {
@@ -165,6 +174,28 @@ impl Patch {
                     })
             }
         }
+    }
+
+    /// Where `x` lies if it is well inside the element, off its faces; Newton starts at `start`.
+    pub fn inside(&self, scaffold: &Scaffold, x: Vec3, start: Vec3) -> Option<Spot> {
+        let spot = match &self.inverse {
+            Inverse::Affine { matrix, centre } => {
+                let xi = matrix * (x - centre);
+                Spot {
+                    xi,
+                    inverse: *matrix,
+                    beyond: self.shape.face_distance(CellPoint(xi)),
+                    inner: None,
+                }
+            }
+            Inverse::Curved { .. } => {
+                if self.is_beyond(x, 0.0) {
+                    return None;
+                }
+                self.newton(scaffold, x, self.clamp(start))?
+            }
+        };
+        (spot.beyond < -ON_FACE).then_some(spot)
     }
 
     /// The spot of any point, by the affine map at the centroid if all else fails.
@@ -278,6 +309,14 @@ impl Patch {
     }
 }
 
+/// Normals of the tet's faces, times the root of 3.
+const FACES: [[f64; 3]; 4] = [
+    [1.0, 1.0, 1.0],
+    [1.0, -1.0, -1.0],
+    [-1.0, 1.0, -1.0],
+    [-1.0, -1.0, 1.0],
+];
+
 /// The Euclidean projection onto the closed reference cell (tet or hex).
 pub(super) fn clamp_to_cell(shape: Element, xi: Vec3) -> Vec3 {
     if shape != Element::Tet {
@@ -285,12 +324,6 @@ pub(super) fn clamp_to_cell(shape: Element, xi: Vec3) -> Vec3 {
     }
     // The tet is regular, so its barycentric coordinates are an isometry (up to scale) onto the
     // standard simplex of R^4, whose projection subtracts a common threshold and drops negatives.
-    const FACES: [[f64; 3]; 4] = [
-        [1.0, 1.0, 1.0],
-        [1.0, -1.0, -1.0],
-        [-1.0, 1.0, -1.0],
-        [-1.0, -1.0, 1.0],
-    ];
     let lambda = FACES.map(|n| (0.5 - Vec3::from(n).dot(&xi)) / 2.0);
     if lambda.iter().all(|&l| l >= 0.0) {
         return xi;

@@ -14,27 +14,28 @@ impl<C: CellField> TiledSolid<'_, C> {
     /// The distance d(F) at a point of the scaffold, clamped to the band; the boundary not regarded.
     pub(super) fn distance(&self, local: &Local, at: Owner, x: Vec3) -> f64 {
         let w = self.options.half_width;
-        let f = self.cell.value(CellPoint(at.spot.xi));
+        let slope = self.slope(&at.spot);
+        let f = slope.0;
         // Every scale is at least 1 / L.
         if f.abs() >= w * local.near.slope_sup {
             return w.copysign(f);
         }
-        let d = self.fast(local, at, x, f);
+        let d = self.fast(local, at, x, slope);
         match self.options.distance {
             Distance::Fast => d,
             Distance::Exact => self.exact(local, x, d),
         }
     }
 
-    /// Rule Q.
-    fn fast(&self, local: &Local, at: Owner, x: Vec3, f: f64) -> f64 {
+    /// Rule Q, from value and gradient in the owner.
+    fn fast(&self, local: &Local, at: Owner, x: Vec3, slope: (f64, Vec3)) -> f64 {
         let w = self.options.half_width;
         let delta = self.delta();
         let patch = self.patch(local, at.place);
-        let own = self.scale(patch, &at.spot, x);
+        let own = self.scale(patch, &at.spot, x, slope);
         let depth = patch.depth(x, &at.spot);
         if depth >= delta {
-            return (f * own).clamp(-w, w);
+            return (slope.0 * own).clamp(-w, w);
         }
         // In order of element numbers, so that both sides of a face sum alike.
         let (mut sum, mut weights) = (0.0, 0.0);
@@ -50,11 +51,11 @@ impl<C: CellField> TiledSolid<'_, C> {
             let patch = self.patch(local, place);
             let weight = 1.0 - patch.overshoot(x, &spot).max(depth) / delta;
             if weight > 0.0 {
-                sum += weight * self.scale(patch, &spot, x);
+                sum += weight * self.scale(patch, &spot, x, self.slope(&spot));
                 weights += weight;
             }
         }
-        (f * sum / weights).clamp(-w, w)
+        (slope.0 * sum / weights).clamp(-w, w)
     }
 
     /// The cell's value and its gradient in world space.
@@ -63,8 +64,9 @@ impl<C: CellField> TiledSolid<'_, C> {
         (f, spot.inverse.tr_mul(&g))
     }
 
-    /// s_e: distance per field unit at `x`, by two damped Newton steps with one element's own field.
-    fn scale(&self, patch: &Patch, spot: &Spot, x: Vec3) -> f64 {
+    /// The scale `s_e`: distance per field unit at `x`, by two damped Newton steps with one element's
+    /// own field, given its value and gradient there.
+    fn scale(&self, patch: &Patch, spot: &Spot, x: Vec3, (f0, g0): (f64, Vec3)) -> f64 {
         let damping = (DAMPING * patch.slope_rms).powi(2);
         let longest = 2.0 * self.options.half_width;
         let step = |f: f64, g: Vec3| {
@@ -76,7 +78,6 @@ impl<C: CellField> TiledSolid<'_, C> {
                 step
             }
         };
-        let (f0, g0) = self.slope(spot);
         let s = if f0.abs() < 1e-9 * patch.slope_rms * self.options.voxel_size {
             g0.norm() / (g0.norm_squared() + damping)
         } else {
