@@ -52,6 +52,7 @@ mod hash;
 mod index;
 pub mod isolate;
 mod leaves;
+mod light;
 mod memory;
 mod mesh;
 mod ops;

@@ -95,6 +95,27 @@ impl View {
         }
     }
 
+    /// The same view of `columns` x `rows` samples, filled by what lies between the samples `low` and
+    /// `high` (both included) of this one.
+    pub fn cropped(&self, low: [usize; 2], high: [usize; 2], columns: usize, rows: usize) -> Self {
+        let fill = 1.0 - 2.0 * MARGIN;
+        let size = [0, 1].map(|a| (high[a] - low[a] + 1) as f64);
+        let middle = [0, 1].map(|a| (high[a] + low[a] + 1) as f64 / 2.0);
+        let scale = (size[0] / (fill * columns as f64)).max(size[1] / (fill * rows as f64));
+        let start = [
+            middle[0] - scale * columns as f64 / 2.0,
+            middle[1] - scale * rows as f64 / 2.0,
+        ];
+        Self {
+            corner: self.corner + self.du * start[0] + self.dv * start[1],
+            du: self.du * scale,
+            dv: self.dv * scale,
+            columns,
+            rows,
+            ..*self
+        }
+    }
+
     /// Edge of a sample at the distance of the centre, world units.
     pub fn pixel(&self) -> f64 {
         self.du.norm()

@@ -146,8 +146,8 @@ impl LevelSet {
             bins.iter_mut().zip(b).for_each(|(a, b)| *a += b);
         }
         total.torn += torn_tiles(&index);
-        let solid = Pieces::find(&index, Side::Solid, self.voxel_size(), session)?.pieces;
-        let voids = Pieces::find(&index, Side::Void, self.voxel_size(), session)?.pieces;
+        let solid = Pieces::find(&index, Side::Solid, self.voxel_size(), session)?.counted();
+        let voids = Pieces::find(&index, Side::Void, self.voxel_size(), session)?.counted();
         let inside: u64 = solid.iter().map(|p| p.voxels).sum();
         Ok(LevelSetCheck {
             voxel_size: self.voxel_size(),
@@ -165,7 +165,7 @@ impl LevelSet {
                 far_off: total.far_off,
             },
             pieces: solid.len(),
-            voids: voids.len() - 1, // one is the outside
+            voids: voids.len(),
             largest_share: solid.first().map_or(0.0, |p| p.voxels as f64) / inside.max(1) as f64,
         })
     }
@@ -208,7 +208,7 @@ fn tally(index: &LeafIndex<'_>, leaf: usize, h: f32, background: f32, bins: &mut
     let neighbour = |n: usize, f: usize| -> (f32, bool, bool) {
         let (axis, ahead) = (f / 2, f % 2 == 1);
         let step = [64, 8, 1][axis];
-        let place = n / step & 7;
+        let place = n / step % 8;
         let at = match (ahead, place) {
             (true, 7) => n - 7 * step,
             (false, 0) => n + 7 * step,

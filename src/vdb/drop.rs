@@ -3,7 +3,7 @@
 //! A removed piece takes its part of the band along: the voxels on the other side of its surface
 //! whose steepest descent leads to it. Where a surface that stays comes within the band of those
 //! voxels, their distance to it is found by marching from the voxels that it owns; everything else
-//! becomes background.
+//! becomes background. Pieces that are rounding only go with any removal, uncounted.
 
 use super::bits::{self, Bits};
 use super::ffi;
@@ -58,15 +58,16 @@ impl LevelSet {
         let leaves = self.leaves()?;
         let index = LeafIndex::new(self, &leaves, side == Side::Void)?;
         let found = Pieces::find(&index, side, self.voxel_size(), session)?;
-        let chosen: Vec<bool> = (found.pieces.iter().enumerate())
-            .map(|(n, piece)| found.endless != Some(n) && unwanted(n, piece))
+        let chosen: Vec<bool> = (found.list.iter().enumerate())
+            .map(|(n, piece)| found.endless != Some(n) && (n >= found.count || unwanted(n, piece)))
             .collect();
         let mut dropped = Dropped::default();
-        for (piece, _) in found.pieces.iter().zip(&chosen).filter(|(_, c)| **c) {
+        let counted = found.list.iter().zip(&chosen).take(found.count);
+        for (piece, _) in counted.filter(|(_, chosen)| **chosen) {
             dropped.pieces += 1;
             dropped.volume += piece.volume;
         }
-        if dropped.pieces == 0 {
+        if !chosen.contains(&true) {
             return Ok(dropped);
         }
         let edit = Removal::new(self, &index, &found, &chosen, side).edit();

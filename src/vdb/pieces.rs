@@ -2,7 +2,8 @@
 //!
 //! Two voxels hang together when they share a face and are both inside (distance < 0). Leaves are cut
 //! into parts with bit operations, then parts and tiles are joined across faces. Surfaces are not
-//! what is counted: a hollow sphere is one piece (with one void in it).
+//! what is counted: a hollow sphere is one piece (with one void in it). What is nowhere deeper than a
+//! thousandth of a voxel is rounding, not a piece.
 
 use super::bits::{self, Bits};
 use super::index::{FACES, Holder, LeafIndex};
@@ -11,6 +12,7 @@ use super::{LevelSet, Session, VdbError};
 use crate::frame::Coord;
 use crate::progress::Cancelled;
 use rayon::prelude::*;
+use std::cmp::Reverse;
 
 /// A connected piece of the solid, or a void in it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -19,6 +21,8 @@ pub struct Piece {
     pub voxels: u64,
     /// Their volume, world units cubed.
     pub volume: f64,
+    /// Distance of its deepest voxel from the surface, world units; at most the band's half width.
+    pub depth: f64,
     /// Its first voxel in order (x, y, z) of leaves, then of voxels.
     pub place: Coord,
 }
@@ -32,16 +36,46 @@ pub(super) enum Side {
     Void,
 }
 
+/// What a piece must be deep, in voxels.
+const LEAST_DEPTH: f64 = 1e-3;
+
+/// A connected part of a leaf.
+pub(super) struct Part {
+    pub bits: Bits,
+    /// Largest distance of its voxels from the surface, world units.
+    depth: f32,
+}
+
+impl Part {
+    fn all_of(leaf: &LeafView<'_>, side: Side) -> Vec<Self> {
+        let set = bits::select(leaf.values, |v| (v < 0.0) == (side == Side::Solid));
+        let parts = bits::parts(set).into_iter();
+        let depth = |part: &Bits| {
+            let inside = (0..512).filter(|&n| bits::has(part, n));
+            inside.fold(0f32, |d, n| d.max(leaf.values[n].abs()))
+        };
+        parts
+            .map(|bits| Self {
+                depth: depth(&bits),
+                bits,
+            })
+            .collect()
+    }
+}
+
 /// Every part of every leaf, every tile, and the outside, with the piece it belongs to.
 pub(super) struct Pieces {
     /// Per leaf: its parts and the number of the first.
-    pub parts: Vec<(usize, Vec<Bits>)>,
+    pub parts: Vec<(usize, Vec<Part>)>,
     /// Piece of each part, then of each tile, then of the endless outside.
     pub piece_of: Vec<usize>,
     /// Number of parts: where tiles begin in `piece_of`.
     pub tiles_from: usize,
-    /// The pieces, largest first; equals in order of place.
-    pub pieces: Vec<Piece>,
+    /// The pieces, largest first, equals in order of place; after the first `count` of them those
+    /// that are rounding only.
+    pub list: Vec<Piece>,
+    /// How many are pieces indeed.
+    pub count: usize,
     /// The piece that reaches the endless outside (voids only).
     pub endless: Option<usize>,
 }
@@ -53,19 +87,15 @@ impl Pieces {
         voxel_size: f64,
         session: Session<'_>,
     ) -> Result<Self, Cancelled> {
-        let of_leaf = |leaf: &LeafView<'_>| match side {
-            Side::Solid => bits::parts(bits::select(leaf.values, |v| v < 0.0)),
-            Side::Void => bits::parts(bits::select(leaf.values, |v| v >= 0.0)),
-        };
         let progress = session.progress;
-        let lists: Vec<Vec<Bits>> = session.threads.install(|| {
+        let lists: Vec<Vec<Part>> = session.threads.install(|| {
             let leaves = index.leaves.par_iter();
             leaves
                 .map(|leaf| {
                     if progress.cancelled() {
                         return Err(Cancelled);
                     }
-                    Ok(of_leaf(leaf))
+                    Ok(Part::all_of(leaf, side))
                 })
                 .collect::<Result<_, _>>()
         })?;
@@ -88,7 +118,7 @@ impl Pieces {
     /// Numbers the pieces, largest first.
     fn collect(
         index: &LeafIndex<'_>,
-        parts: Vec<(usize, Vec<Bits>)>,
+        parts: Vec<(usize, Vec<Part>)>,
         tiles_from: usize,
         side: Side,
         voxel_size: f64,
@@ -96,13 +126,15 @@ impl Pieces {
     ) -> Self {
         let outside = tiles_from + index.tiles.len();
         let mut voxels = vec![0u64; outside + 1];
+        let mut depth = vec![0f32; outside + 1];
         let mut place = vec![None::<Coord>; outside + 1];
         for (leaf, (first, list)) in index.leaves.iter().zip(&parts) {
             for (n, part) in list.iter().enumerate() {
                 let root = sets.root(first + n);
-                voxels[root] += bits::count(part);
-                let x = part.iter().position(|&w| w != 0).unwrap_or(0);
-                let first = 64 * x + part[x].trailing_zeros() as usize;
+                voxels[root] += bits::count(&part.bits);
+                depth[root] = depth[root].max(part.depth);
+                let x = part.bits.iter().position(|&w| w != 0).unwrap_or(0);
+                let first = 64 * x + part.bits[x].trailing_zeros() as usize;
                 place[root].get_or_insert_with(|| leaf.voxel(first));
             }
         }
@@ -110,19 +142,22 @@ impl Pieces {
             if belongs(tile.value, side) {
                 let root = sets.root(tiles_from + n);
                 voxels[root] += (tile.edge as u64).pow(3);
+                depth[root] = depth[root].max(tile.value.abs());
                 place[root].get_or_insert(tile.origin);
             }
         }
         let endless_root = (side == Side::Void).then(|| sets.root(outside));
         if let Some(root) = endless_root {
             place[root].get_or_insert(Coord::new(i32::MIN, i32::MIN, i32::MIN));
+            depth[root] = f32::INFINITY;
         }
-        let mut order: Vec<(u64, Coord, usize)> = (0..=outside)
-            .filter_map(|root| Some((voxels[root], place[root]?, root)))
+        let deep = |root: usize| f64::from(depth[root]) >= LEAST_DEPTH * voxel_size;
+        let mut order: Vec<(Coord, usize)> = (0..=outside)
+            .filter_map(|root| Some((place[root]?, root)))
             .collect();
-        order.sort_by_key(|&(voxels, place, _)| (std::cmp::Reverse(voxels), place));
+        order.sort_by_key(|&(place, root)| (!deep(root), Reverse(voxels[root]), place));
         let mut number = vec![usize::MAX; outside + 1];
-        for (piece, &(_, _, root)) in order.iter().enumerate() {
+        for (piece, &(_, root)) in order.iter().enumerate() {
             number[root] = piece;
         }
         let piece_of = (0..=outside).map(|n| number[sets.root(n)]).collect();
@@ -131,15 +166,26 @@ impl Pieces {
             piece_of,
             tiles_from,
             endless: endless_root.map(|root| number[root]),
-            pieces: order
+            count: order.iter().filter(|(_, root)| deep(*root)).count(),
+            list: order
                 .into_iter()
-                .map(|(voxels, place, _)| Piece {
-                    voxels,
-                    volume: voxels as f64 * voxel_size.powi(3),
+                .map(|(place, root)| Piece {
+                    voxels: voxels[root],
+                    volume: voxels[root] as f64 * voxel_size.powi(3),
+                    depth: depth[root].into(),
                     place,
                 })
                 .collect(),
         }
+    }
+
+    /// The pieces that are neither rounding nor the endless outside.
+    pub fn counted(mut self) -> Vec<Piece> {
+        self.list.truncate(self.count);
+        if let Some(outside) = self.endless {
+            self.list.remove(outside);
+        }
+        self.list
     }
 
     /// The voxels of a leaf that belong to pieces for which `chosen` holds.
@@ -148,7 +194,7 @@ impl Pieces {
         let mut out = [0; 8];
         for (n, part) in list.iter().enumerate() {
             if chosen[self.piece_of[first + n]] {
-                for (o, p) in out.iter_mut().zip(part) {
+                for (o, p) in out.iter_mut().zip(&part.bits) {
                     *o |= p;
                 }
             }
@@ -165,7 +211,7 @@ fn belongs(value: f32, side: Side) -> bool {
 /// Joins parts of leaves with those of the next leaves, and with tiles on all sides.
 fn join_leaves(
     index: &LeafIndex<'_>,
-    parts: &[(usize, Vec<Bits>)],
+    parts: &[(usize, Vec<Part>)],
     side: Side,
     tiles_from: usize,
     sets: &mut Sets,
@@ -175,13 +221,13 @@ fn join_leaves(
         for (f, step) in FACES.iter().enumerate() {
             let (axis, last) = (f / 2, f % 2 == 1);
             let beside = leaf.origin.offset(8 * step[0], 8 * step[1], 8 * step[2]);
-            let here = list.iter().map(|part| bits::face(part, axis, last));
+            let here = list.iter().map(|part| bits::face(&part.bits, axis, last));
             match index.holder(beside) {
                 Holder::Leaf(other) if last => {
                     let (other_first, others) = &parts[other];
                     for (n, mine) in here.enumerate() {
                         for (m, part) in others.iter().enumerate() {
-                            if bits::meet(&mine, &bits::face(part, axis, false)) {
+                            if bits::meet(&mine, &bits::face(&part.bits, axis, false)) {
                                 sets.join(first + n, other_first + m);
                             }
                         }
@@ -262,7 +308,7 @@ impl LevelSet {
     pub fn components(&self, session: Session<'_>) -> Result<Vec<Piece>, VdbError> {
         let leaves = self.leaves()?;
         let index = LeafIndex::new(self, &leaves, false)?;
-        Ok(Pieces::find(&index, Side::Solid, self.voxel_size(), session)?.pieces)
+        Ok(Pieces::find(&index, Side::Solid, self.voxel_size(), session)?.counted())
     }
 
     /// The voids: pieces of empty space that the solid encloses, largest first.
@@ -272,10 +318,6 @@ impl LevelSet {
     pub fn voids(&self, session: Session<'_>) -> Result<Vec<Piece>, VdbError> {
         let leaves = self.leaves()?;
         let index = LeafIndex::new(self, &leaves, true)?;
-        let mut found = Pieces::find(&index, Side::Void, self.voxel_size(), session)?;
-        if let Some(outside) = found.endless {
-            found.pieces.remove(outside);
-        }
-        Ok(found.pieces)
+        Ok(Pieces::find(&index, Side::Void, self.voxel_size(), session)?.counted())
     }
 }

@@ -75,12 +75,12 @@ def render(carrier, corners, out):
     camera.data.angle = math.radians(30)
     camera.data.clip_start, camera.data.clip_end = 0.1 * radius, 100 * radius
     sun = bpy.data.objects.new("sun", bpy.data.lights.new("sun", "SUN"))
-    sun.data.energy = 3.0
+    sun.data.energy = 4.0
     sun.rotation_euler = (math.radians(40), 0, math.radians(-60))
     for thing in (camera, sun):
         bpy.context.collection.objects.link(thing)
     world = bpy.data.worlds.new("world")
-    world.color = (0.6, 0.6, 0.6)
+    world.color = (0.25, 0.27, 0.3)
     scene.world, scene.camera = world, camera
     scene.render.engine = "CYCLES"
     scene.cycles.device = "CPU"

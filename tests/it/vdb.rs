@@ -5,7 +5,7 @@ use druse::field::{BoxSolid, Complement, Field, Intersection, Sphere, Union, Wor
 use druse::frame::{Aabb, Coord, Transform, Vec3, WorldPoint};
 use druse::mesh::TriMesh;
 use druse::progress::{Progress, Silent, Threads};
-use druse::vdb::{LevelSet, LevelSetBuilder, Scheme, Session, VdbError};
+use druse::vdb::{self, LevelSet, LevelSetBuilder, Scheme, Session, VdbError, VdbWriter};
 use std::collections::HashMap;
 use std::f64::consts::PI;
 use std::sync::LazyLock;
@@ -80,6 +80,8 @@ fn ball(radius: f64) -> f64 {
 fn volume(level_set: &LevelSet) -> f64 {
     level_set.volume(session()).unwrap()
 }
+
+type Op = fn(&mut LevelSet, Session<'_>) -> Result<(), VdbError>;
 
 /// Cancelled from the start, or from the moment somebody says so.
 struct Stop(AtomicBool);
@@ -327,7 +329,6 @@ fn booleans_of_different_voxels_are_refused() {
 fn filters_smooth_and_keep_the_volume() {
     let block = BoxSolid(cube(6.0));
     let exact = 12f64.powi(3);
-    type Op = fn(&mut LevelSet, Session<'_>) -> Result<(), VdbError>;
     let ops: [(&str, Op); 5] = [
         ("gaussian", |s, c| s.gaussian(1, 2, c)),
         ("mean", |s, c| s.mean(1, 2, c)),
@@ -565,4 +566,57 @@ fn one_thread_and_two_make_the_same() {
     assert_eq!((&a.0, &a.1, a.3), (&b.0, &b.1, b.3));
     assert_eq!(a.2, b.2);
     assert_ne!(a.0, a.1);
+}
+
+/// Seconds of each operation on a gyroid-like block of a few million voxels, for the table of figures.
+#[test]
+fn figures() {
+    if std::env::var_os("DRUSE_FULL").is_none() {
+        return;
+    }
+    let balls = (0..216).map(|n: i32| {
+        let centre = [n / 36, n / 6 % 6, n % 6].map(|c| f64::from(c) * 9.0);
+        Box::new(Sphere {
+            centre: Vec3::from(centre),
+            radius: 5.0,
+        }) as Box<WorldField<'static>>
+    });
+    let field = Union(balls.collect());
+    let extent = Aabb {
+        min: Vec3::repeat(-5.0),
+        max: Vec3::repeat(50.0),
+    };
+    let mut s = level_set(&field, extent, 0.1);
+    let voxels = s.active_voxels().unwrap() as f64;
+    println!("figure: vdb active voxels | {voxels} | -");
+    let timed = |name: &str, work: &mut dyn FnMut()| {
+        let start = Instant::now();
+        work();
+        let ns = start.elapsed().as_secs_f64() * 1e9 / voxels;
+        println!("figure: vdb {name} | {ns:.1} ns/voxel | -");
+    };
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("s.vdb");
+    timed("hash", &mut || _ = s.content_hash("surface").unwrap());
+    timed("bounds", &mut || _ = s.bounds().unwrap());
+    timed("facts", &mut || _ = s.info().unwrap());
+    timed("components", &mut || _ = s.components(session()).unwrap());
+    timed("voids", &mut || _ = s.voids(session()).unwrap());
+    timed("check", &mut || _ = s.check(session()).unwrap());
+    timed("volume", &mut || _ = volume(&s));
+    timed("mesh", &mut || _ = s.to_mesh(session()).unwrap());
+    timed("write scaled", &mut || {
+        let mut file = VdbWriter::new(&path, session()).unwrap().scaled(0.001);
+        file.level_set("surface", &s).unwrap();
+        file.write().unwrap();
+    });
+    timed("read", &mut || {
+        drop(LevelSet::read(&path, None, session()).unwrap())
+    });
+    timed("info", &mut || _ = vdb::info(&path).unwrap());
+    timed("picture", &mut || {
+        drop(s.picture(1000, 800, None, session()).unwrap())
+    });
+    timed("gaussian", &mut || s.gaussian(1, 1, session()).unwrap());
+    timed("dilate a voxel", &mut || s.dilate(0.1, session()).unwrap());
 }

@@ -1,9 +1,10 @@
 //! Pieces and voids: counting, and removing without a trace in what stays.
 
 use super::{THREADS, ball, complement, cube, intersection, level_set, session, sphere, union};
+use druse::band::{LeafBatch, LeafSink};
 use druse::field::{BoxSolid, Sphere};
 use druse::frame::{Aabb, Coord, Vec3};
-use druse::vdb::{LeafView, LevelSet};
+use druse::vdb::{LeafView, LevelSet, LevelSetBuilder};
 
 fn at(x: f64, y: f64, z: f64, radius: f64) -> Sphere {
     Sphere {
@@ -114,6 +115,36 @@ fn dropped_pieces_leave_no_trace() {
         .filter(|v| v[0] < 0 && v[2] > -10)
         .collect();
     assert_eq!(difference(&s, &clean, &far), 0.0);
+}
+
+#[test]
+fn rounding_is_no_piece() {
+    let clean = sphere(8.0, 0.5);
+    let builder = LevelSetBuilder::new(clean.transform(), 3.0).unwrap();
+    clean
+        .for_each_leaf(|leaf| {
+            let (mut mask, mut values) = (leaf.mask, *leaf.values);
+            for n in 0..512 {
+                // Specks of next to nothing outside, where the band is.
+                let lone = leaf.voxel(n).0.iter().all(|c| c.rem_euclid(3) == 1);
+                if lone && leaf.is_active(n) && values[n] > 0.6 {
+                    values[n] = -1e-16;
+                    mask[n >> 6] |= 1 << (n & 63);
+                }
+            }
+            let mut batch = LeafBatch::default();
+            batch.push(leaf.origin, mask, &values);
+            builder.block(leaf.origin.aligned(128), batch).unwrap();
+        })
+        .unwrap();
+    let mut s = builder.finish(session()).unwrap();
+    assert!(s.values(&grid(24)).unwrap().contains(&-1e-16));
+    assert_eq!(s.components(session()).unwrap().len(), 1);
+    assert_eq!(s.check(session()).unwrap().pieces, 1);
+    // They go with any removal, uncounted.
+    let dropped = s.keep_largest(session()).unwrap();
+    assert_eq!((dropped.pieces, dropped.volume), (0, 0.0));
+    assert!(!s.values(&grid(24)).unwrap().contains(&-1e-16));
 }
 
 #[test]
