@@ -108,9 +108,8 @@ pub fn run(
         clock.lap(&format!("op.{n}.{}", op.name()))?;
     }
 
-    let mesh = measure(bench, &stock, &solid, &mut measured)?;
+    let mesh = measure(bench, &stock, &solid, &mut measured, &mut clock)?;
     stock.look_at(&measured, bench.scale)?;
-    clock.lap("measure")?;
 
     let mut report = stock.report();
     let info = solid.info().map_err(RunError::level_set("counting"))?;
@@ -151,6 +150,7 @@ fn measure(
     stock: &Stock,
     solid: &crate::vdb::LevelSet,
     report: &mut SolidReport,
+    clock: &mut Clock,
 ) -> Result<crate::mesh::TriMesh, RunError> {
     let failed = RunError::level_set("measure");
     let session = bench.session();
@@ -163,6 +163,7 @@ fn measure(
             n => format!("op.{}", n - 1),
         }));
     }
+    clock.lap("mesh")?;
     bench.progress.stage("measure", None);
     // Of the mesh, which is what leaves; OpenVDB's own measure errs by as much to the other side.
     report.volume = mesh.volume();
@@ -171,11 +172,13 @@ fn measure(
     report.bounds = Some(mesh.bounds());
     (report.volume_fraction_asked, report.volume_fraction_cell) = stock.fractions();
     report.volume_fraction = stock.room().map(|room| report.volume / room);
+    clock.lap("measure")?;
     let wall = bench
         .threads
         .install(|| wall::least_wall(&mesh, bench.progress))?;
     report.least_wall = wall.map(|w| w.thickness);
     report.least_wall_place = wall.map(|w| w.place.into());
+    clock.lap("walls")?;
     Ok(mesh)
 }
 
@@ -238,10 +241,14 @@ impl<'a> Clock<'a> {
         let seconds = self.last.elapsed().as_secs_f64();
         self.last = Instant::now();
         match self.stages.last_mut() {
-            Some(stage) if stage.name == name => stage.seconds += seconds,
+            Some(stage) if stage.name == name => {
+                stage.seconds += seconds;
+                stage.peak_memory_bytes = memory::peak();
+            }
             _ => self.stages.push(Stage {
                 name: name.to_owned(),
                 seconds,
+                peak_memory_bytes: memory::peak(),
             }),
         }
         if self.progress.cancelled() {

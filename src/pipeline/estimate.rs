@@ -1,9 +1,9 @@
 //! What a run will need, found by sampling the band at growing resolution.
 //!
-//! The field is culled and a part of its leaves evaluated, first with coarse voxels, then with halved
-//! ones as long as time remains. The number of active voxels grows between h^-2 (a surface) and h^-3
-//! (a structure as fine as its band); where the recipe's own voxel size is not reached, the growth of
-//! the last step is continued.
+//! The field is culled and a part of its leaves evaluated: with the recipe's own voxels where their
+//! number allows, else with voxels of twice, four times ... the edge. Active voxels then grow between
+//! h^-2 (a surface) and h^-3 (a structure as fine as its band); the growth between the two finest
+//! samplings is continued.
 
 use super::error::{RunError, short};
 use super::memory;
@@ -14,7 +14,6 @@ use crate::frame::Transform;
 use crate::progress::{Progress, Threads};
 use crate::recipe::{Op, OutputKind, Scale};
 use serde::Serialize;
-use std::time::Instant;
 
 /// Predicted needs of a run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
@@ -35,10 +34,9 @@ pub struct Estimate {
     pub seconds: f64,
 }
 
-/// Time after which no finer sampling is begun.
-const BUDGET_SECONDS: f64 = 1.5;
-/// Voxels of the extent's box that the coarsest sampling may span.
-const COARSEST: f64 = 3e6;
+/// Voxels of the extent's box that a sampling may span: a quick look, and a close one.
+const QUICK: f64 = 1e6;
+const CLOSE: f64 = 1.5e8;
 /// Bytes of a leaf: 512 floats, mask, origin, and its share of the nodes above.
 const LEAF_BYTES: f64 = 2240.0;
 
@@ -57,7 +55,7 @@ pub(super) fn estimate(
     threads: &Threads,
     progress: &dyn Progress,
 ) -> Result<Estimate, RunError> {
-    let counts = sample(stock, threads, progress, BUDGET_SECONDS)?;
+    let counts = sample(stock, threads, progress, CLOSE)?;
     Ok(predict(stock, threads, &counts))
 }
 
@@ -76,10 +74,10 @@ pub(super) fn check_memory(
             None => return Ok(()),
         },
     };
-    let mut counts = sample(stock, threads, progress, 0.0)?;
+    let mut counts = sample(stock, threads, progress, QUICK)?;
     let quick = predict(stock, threads, &counts).peak_memory_bytes;
-    if quick > available / 3 {
-        counts = sample(stock, threads, progress, BUDGET_SECONDS)?;
+    if quick > available / 2 {
+        counts = sample(stock, threads, progress, CLOSE)?;
     }
     let needed = predict(stock, threads, &counts).peak_memory_bytes;
     if needed <= available {
@@ -99,73 +97,66 @@ pub(super) fn check_memory(
     })
 }
 
+/// Counts with the recipe's voxels, from samplings whose box spans at most `most` voxels.
 fn sample(
     stock: &Stock,
     threads: &Threads,
     progress: &dyn Progress,
-    seconds: f64,
+    most: f64,
 ) -> Result<Counts, RunError> {
     let scale = stock.recipe.scale();
-    let half_width = stock.recipe.sections().band.half_width.0;
     let extent = shape(stock, scale)?.extent;
-    let box_volume = extent.size().map(|s| s.max(scale.voxel_size)).product();
-    // Halvings from the coarsest sampling to the recipe's voxels.
-    let voxels = box_volume / scale.voxel_size.powi(3);
-    let mut level = ((voxels / COARSEST).log2() / 3.0).ceil().max(0.0) as i32;
-    let start = Instant::now();
-    let (mut counts, mut growth) = (None::<Counts>, None::<f64>);
-    loop {
-        let h = scale.voxel_size * 2f64.powi(level);
-        let begun = Instant::now();
-        let coarse = Scale {
-            voxel_size: h,
-            ..scale
-        };
-        let field = shape(stock, coarse)?;
-        let transform =
-            Transform::new(h).ok_or_else(|| RunError::Empty(format!("a voxel size of {h}")))?;
-        let found = band::estimate(
-            &*field.field,
-            transform,
-            half_width,
-            &field.extent,
-            threads,
-            progress,
-            Sampling::default(),
-        )
-        .map_err(RunError::band("estimate"))?;
-        let found = Counts {
-            blocks: found.blocks as f64,
-            leaves_touched: found.leaves_touched as f64,
-            leaves: found.leaves_kept,
-            active: found.active_voxels,
-            seconds_per_leaf: found.seconds_per_leaf,
-        };
-        if let Some(before) = counts.filter(|c| c.active > 0.0) {
-            growth = Some((found.active / before.active).log2().clamp(1.5, 3.0));
-        }
-        counts = Some(found);
-        // The next level takes up to eight times as long.
-        let next = 8.0 * begun.elapsed().as_secs_f64();
-        if level == 0 || start.elapsed().as_secs_f64() + next > seconds {
-            break;
-        }
-        level -= 1;
+    let edges = extent.size() / scale.voxel_size;
+    let voxels: f64 = edges.iter().map(|e| e.max(1.0)).product();
+    let level = ((voxels / most).log2() / 3.0).ceil().max(0.0) as i32;
+    let finest = sample_at(stock, threads, progress, level)?;
+    if level == 0 {
+        return Ok(finest);
     }
-    let counts = counts.unwrap_or(Counts {
-        blocks: 0.0,
-        leaves_touched: 0.0,
-        leaves: 0.0,
-        active: 0.0,
-        seconds_per_leaf: 0.0,
-    });
-    let factor = 2f64.powf(f64::from(level) * growth.unwrap_or(2.0));
+    let coarser = sample_at(stock, threads, progress, level + 1)?;
+    let growth = (finest.active / coarser.active.max(1.0)).log2();
+    let factor = 2f64.powf(f64::from(level) * growth.clamp(2.0, 3.0));
     Ok(Counts {
-        blocks: (counts.blocks * factor).min((voxels / 128f64.powi(3)).max(counts.blocks)),
-        leaves_touched: counts.leaves_touched * factor,
-        leaves: counts.leaves * factor,
-        active: counts.active * factor,
-        ..counts
+        blocks: (finest.blocks * factor).min((voxels / 128f64.powi(3)).max(finest.blocks)),
+        leaves_touched: finest.leaves_touched * factor,
+        leaves: finest.leaves * factor,
+        active: finest.active * factor,
+        ..finest
+    })
+}
+
+/// Counts with voxels of 2^level times the recipe's edge.
+fn sample_at(
+    stock: &Stock,
+    threads: &Threads,
+    progress: &dyn Progress,
+    level: i32,
+) -> Result<Counts, RunError> {
+    let scale = stock.recipe.scale();
+    let h = scale.voxel_size * 2f64.powi(level);
+    let coarse = Scale {
+        voxel_size: h,
+        ..scale
+    };
+    let field = shape(stock, coarse)?;
+    let transform =
+        Transform::new(h).ok_or_else(|| RunError::Empty(format!("a voxel size of {h}")))?;
+    let found = band::estimate(
+        &*field.field,
+        transform,
+        stock.recipe.sections().band.half_width.0,
+        &field.extent,
+        threads,
+        progress,
+        Sampling::default(),
+    )
+    .map_err(RunError::band("estimate"))?;
+    Ok(Counts {
+        blocks: found.blocks as f64,
+        leaves_touched: found.leaves_touched as f64,
+        leaves: found.leaves_kept,
+        active: found.active_voxels,
+        seconds_per_leaf: found.seconds_per_leaf,
     })
 }
 
@@ -173,8 +164,8 @@ fn sample(
 fn predict(stock: &Stock, threads: &Threads, c: &Counts) -> Estimate {
     let sections = stock.recipe.sections();
     let tree = c.leaves * LEAF_BYTES;
-    // The surface crosses about one voxel in every band's width.
-    let points = c.active / (2.0 * sections.band.half_width.0);
+    // The mesh has a point in each voxel that the surface crosses: about 1.2 in every band's width.
+    let points = 1.2 * c.active / (2.0 * sections.band.half_width.0);
     let mut peak = tree;
     let mut seconds = c.leaves_touched * c.seconds_per_leaf / threads.count() as f64;
     let speed = 2.0 / threads.count() as f64;

@@ -124,6 +124,8 @@ pub struct Stage {
     pub name: String,
     /// Wall time.
     pub seconds: f64,
+    /// Greatest memory of the process up to its end.
+    pub peak_memory_bytes: u64,
 }
 
 /// A file that was written.
