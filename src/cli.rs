@@ -59,6 +59,8 @@ struct Cli {
 /// The table of subcommands: name, parameters, and the function that answers.
 macro_rules! commands {
     ($($(#[$meta:meta])* $name:ident => $module:ident,)*) => {
+        // Parsed once in a process: its size costs nothing, boxes in every file would.
+        #[allow(clippy::large_enum_variant)]
         #[derive(Subcommand)]
         enum Command { $($(#[$meta])* $name($module::Parameters),)* }
 

@@ -113,16 +113,16 @@ impl Failure {
                 .iter()
                 .map_while(|n| n.map(|n| format!(":{n}")))
                 .collect::<String>();
-            let _ = write!(block, "  {} {file}{place}\n", paint("1;34", "-->"));
+            let _ = writeln!(block, "  {} {file}{place}", paint("1;34", "-->"));
         }
         if let Some(excerpt) = &self.excerpt {
-            let _ = write!(block, "   {} {excerpt}\n", paint("1;34", "|"));
+            let _ = writeln!(block, "   {} {excerpt}", paint("1;34", "|"));
         }
         if let Some(element) = self.element {
-            let _ = write!(block, "  {} element {element}\n", paint("1;34", "-->"));
+            let _ = writeln!(block, "  {} element {element}", paint("1;34", "-->"));
         }
         if let Some(hint) = &self.hint {
-            let _ = write!(block, "  {} {hint}\n", paint("1;36", "hint:"));
+            let _ = writeln!(block, "  {} {hint}", paint("1;36", "hint:"));
         }
         block
     }

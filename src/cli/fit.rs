@@ -13,8 +13,8 @@ use std::path::{Path, PathBuf};
 
 #[derive(Args)]
 pub(super) struct Parameters {
-    /// A closed mesh (.stl, .obj, .ply, .3mf), a .cell file, or the name of a surface (schwarz_p,
-    /// diamond, iwp, neovius, f_rd).
+    /// A closed mesh (.stl, .obj, .ply, .3mf), a .cell file, or the name of a surface (`schwarz_p`,
+    /// `diamond`, `iwp`, `neovius`, `f_rd`).
     input: PathBuf,
     /// The cell to write.
     #[arg(short, long, value_name = "X.cell")]

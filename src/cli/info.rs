@@ -81,7 +81,7 @@ fn mesh(path: &Path, session: &Session) -> Result<(String, Value), Failure> {
     let file = read_mesh(path)?;
     let report =
         crate::mesh::check_with(&file.mesh, false, session).map_err(|_| Failure::stopped(130))?;
-    let unit = file.unit.map(|u| u.symbol());
+    let unit = file.unit.map(crate::frame::LengthUnit::symbol);
     let shown = unit.unwrap_or("of no stated unit");
     let mut text = format!("{} ({shown})\n{report}\n", path.display());
     for warning in &file.warnings {

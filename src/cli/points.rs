@@ -69,7 +69,7 @@ fn csv(path: &Path, bytes: &[u8]) -> Result<Vec<[f64; 3]>, ReadError> {
     Ok(points)
 }
 
-/// NumPy's format 1 to 3, little-endian f4 or f8, C or Fortran order.
+/// `NumPy`'s format 1 to 3, little-endian f4 or f8, C or Fortran order.
 fn npy(path: &Path, bytes: &[u8]) -> Result<Vec<[f64; 3]>, ReadError> {
     let bad = |found: String, expected: &str| ReadError::data(path, Place::File, found, expected);
     if bytes.get(..6) != Some(b"\x93NUMPY") {

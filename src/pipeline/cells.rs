@@ -89,6 +89,9 @@ pub(super) fn named_surface(name: &str, element: Element) -> Result<Cell, CellFa
 }
 
 /// Fits a cell to a mesh as a section (of a recipe or of a command line) says.
+///
+/// # Errors
+/// When the mesh cannot be placed, closed or fitted, or the section's level cannot be reached.
 pub fn fit(
     name: &str,
     section: &CellSection,
@@ -136,6 +139,9 @@ fn sided(cell: Cell, side: Solid) -> Result<Cell, CellFault> {
 }
 
 /// Level and solid side of a cell as a section says; what it leaves out stays as it is.
+///
+/// # Errors
+/// When no level gives the volume fraction or thickness asked for.
 pub fn levelled(cell: Cell, section: &CellSection) -> Result<Cell, CellFault> {
     let side = section.solid.map(|s| match s {
         recipe::Solid::Below => Solid::Below,

@@ -131,7 +131,7 @@ impl<'a> Stock<'a> {
         let read = crate::io::read_scaffold(&path)?.scaffold;
         let own = file.unit.map(|u| u.0);
         let map = frame_map(file, own, self.recipe.unit());
-        let scaffold = moved(read, map).map_err(|error| RunError::Scaffold {
+        let scaffold = moved(&read, map).map_err(|error| RunError::Scaffold {
             file: Some(path.clone()),
             element: None,
             message: format!("{error}"),
@@ -296,12 +296,12 @@ fn box_scaffold(
     if origin == Vec3::zeros() {
         return Ok(scaffold);
     }
-    moved(scaffold, |v| v + origin)
+    moved(&scaffold, |v| v + origin)
 }
 
 /// A scaffold with its nodes moved; its elements keep their numbers.
 fn moved(
-    scaffold: Scaffold,
+    scaffold: &Scaffold,
     map: impl Fn(Vec3) -> Vec3,
 ) -> Result<Scaffold, crate::scaffold::ScaffoldError> {
     let nodes = scaffold.nodes().iter().map(|&v| map(v)).collect();

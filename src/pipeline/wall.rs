@@ -99,8 +99,8 @@ fn inscribed(p: Vec3, inward: Vec3, tree: &Tree, [first, widest]: [f64; 2]) -> O
     }
     let place = p + inward * radius;
     let reach = radius * (1.0 - DEPTH);
-    let pierced = || tree.nearest_within(place, reach, |_| true).is_some();
-    (!pierced()).then(|| Wall {
+    let pierced = tree.nearest_within(place, reach, |_| true).is_some();
+    (!pierced).then_some(Wall {
         thickness: 2.0 * radius,
         place,
     })
@@ -192,7 +192,9 @@ fn search(
         }
     };
     if sites.len() <= BUCKET {
-        sites.iter().for_each(|site| consider(site, best));
+        for site in sites {
+            consider(site, best);
+        }
         return;
     }
     let middle = sites.len() / 2;

@@ -67,10 +67,8 @@ fn files(folder: &Path, extensions: &[&str]) -> Vec<PathBuf> {
 /// The text without comments and doc tests, where other modules may be named.
 fn code(path: &Path) -> String {
     let text = fs::read_to_string(path).unwrap();
-    text.lines()
-        .filter(|l| !l.trim_start().starts_with("//"))
-        .map(|l| format!("{l}\n"))
-        .collect()
+    let kept = text.lines().filter(|l| !l.trim_start().starts_with("//"));
+    kept.collect::<Vec<_>>().join("\n")
 }
 
 /// Names that follow `crate::`, groups in braces included.

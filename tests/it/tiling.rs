@@ -252,14 +252,14 @@ fn zero_points(scaffold: &Scaffold, cell: &Cosines, n: usize) -> Vec<Vec3> {
                             continue;
                         }
                         for _ in 0..30 {
-                            let m = (a + b) / 2.0;
+                            let m = f64::midpoint(a, b);
                             if (cell.value(on_line(m)) < 0.0) == (cell.value(on_line(a)) < 0.0) {
                                 a = m;
                             } else {
                                 b = m;
                             }
                         }
-                        let p = on_line((a + b) / 2.0);
+                        let p = on_line(f64::midpoint(a, b));
                         if element.shape().face_distance(p) <= 1e-9 {
                             points.push(element.map(p).0);
                         }

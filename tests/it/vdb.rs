@@ -611,11 +611,11 @@ fn figures() {
         file.write().unwrap();
     });
     timed("read", &mut || {
-        drop(LevelSet::read(&path, None, session()).unwrap())
+        drop(LevelSet::read(&path, None, session()).unwrap());
     });
     timed("info", &mut || _ = vdb::info(&path).unwrap());
     timed("picture", &mut || {
-        drop(s.picture(1000, 800, None, session()).unwrap())
+        drop(s.picture(1000, 800, None, session()).unwrap());
     });
     timed("gaussian", &mut || s.gaussian(1, 1, session()).unwrap());
     timed("dilate a voxel", &mut || s.dilate(0.1, session()).unwrap());
