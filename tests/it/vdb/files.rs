@@ -334,7 +334,7 @@ fn damaged_files_never_end_the_process() {
     let count = if std::env::var_os("DRUSE_FULL").is_some() {
         500
     } else {
-        30
+        50
     };
     let mut random = 0x9e37_79b9_7f4a_7c15u64;
     let mut next = move |below: usize| {
