@@ -164,8 +164,9 @@ fn sample_at(
 fn predict(stock: &Stock, threads: &Threads, c: &Counts) -> Estimate {
     let sections = stock.recipe.sections();
     let tree = c.leaves * LEAF_BYTES;
-    // The mesh has a point in each voxel that the surface crosses: about 1.2 in every band's width.
-    let points = 1.2 * c.active / (2.0 * sections.band.half_width.0);
+    // A unit of area with normal n crosses |n|_1 edges of voxels, 1.5 in the mean: as many quads, and
+    // as many points, for every 2 w voxels of the band.
+    let points = 1.5 * c.active / (2.0 * sections.band.half_width.0);
     let mut peak = tree;
     let mut seconds = c.leaves_touched * c.seconds_per_leaf / threads.count() as f64;
     let speed = 2.0 / threads.count() as f64;
@@ -174,17 +175,17 @@ fn predict(stock: &Stock, threads: &Threads, c: &Counts) -> Estimate {
         peak = peak.max(tree * (1.0 + copies));
         seconds += c.active * ns * 1e-9 * speed;
     }
-    // The mesher's own points and quads, then ours; the ball's tree beside the finished mesh.
-    let surface = points * (12.0 + 16.0);
-    let mesh = points * (24.0 + 2.0 * 12.0);
-    let walls = points * (24.0 + 24.0);
-    peak = peak.max(tree + surface + mesh).max(tree + mesh + walls);
+    // Bytes per point, as the allocator keeps them: the finished mesh with what the mesher leaves
+    // behind, and the normals and the tree of points from which walls are measured.
+    let mesh = points * 125.0;
+    let walls = points * 45.0;
+    peak = peak.max(tree + mesh + walls);
     seconds += c.active * 400e-9 * speed;
     let mut disk = 0.0;
     for output in &sections.output {
         for (kind, path) in output.named() {
             disk += match kind {
-                OutputKind::Vdb => c.active * 4.5,
+                OutputKind::Vdb => c.active * 3.4,
                 OutputKind::Mesh => {
                     let triangle = path.extension().map_or(50.0, |e| match e.to_str() {
                         Some("ply") => 19.0,
@@ -198,7 +199,8 @@ fn predict(stock: &Stock, threads: &Threads, c: &Counts) -> Estimate {
                 OutputKind::Report => 4e3,
             };
             if kind == OutputKind::Vdb {
-                peak = peak.max(2.0 * tree + mesh);
+                // A copy in the file's unit, beside what walls have left behind.
+                peak = peak.max(2.0 * tree + mesh + 0.6 * walls);
             }
         }
     }
@@ -220,7 +222,7 @@ fn cost(op: &Op, scale: Scale) -> (f64, f64) {
         Op::Intersect(_) | Op::Union(_) | Op::Subtract(_) => (1.0, 100.0),
         Op::Dilate(d) | Op::Erode(d) => (1.0, 200.0 * steps(d).max(1.0)),
         Op::Open(d) | Op::Close(d) => (1.0, 400.0 * steps(d).max(1.0)),
-        Op::Gaussian(k) => (2.0, 1150.0 * f64::from(k.iterations.0)),
+        Op::Gaussian(k) => (2.8, 1150.0 * f64::from(k.iterations.0)),
         Op::Mean(k) => (1.0, 290.0 * f64::from(k.iterations.0)),
         Op::Median(k) => (1.0, 550.0 * f64::from(k.iterations.0)),
         Op::Laplacian(f) => (1.0, 240.0 * f64::from(f.iterations.0)),
