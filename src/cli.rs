@@ -1,7 +1,7 @@
 //! The command line program: parses, shows progress, turns signals and errors into manners.
 //!
 //! A subcommand is one file here and one line in the table below. It owns no numbers: flags map to a
-//! recipe's sections, the work is the library's, and what it found comes back as an [`Answer`], printed
+//! recipe's sections, the work is the library's, and what it found comes back as an `Answer`, printed
 //! as text or, with `--json`, as exactly one object. stdout carries results, stderr everything else.
 //!
 //! | code | meaning | code | meaning |

@@ -345,6 +345,7 @@ mod tests {
                 }
             }
         }
-        assert!(depth.into_iter().max().unwrap() < 12);
+        // Halving 10,000 takes 14 levels; a tree that cannot tell its primitives apart takes thousands.
+        assert!(depth.into_iter().max().unwrap() <= 14);
     }
 }

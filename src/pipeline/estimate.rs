@@ -167,19 +167,21 @@ fn predict(stock: &Stock, threads: &Threads, c: &Counts) -> Estimate {
     // A unit of area with normal n crosses |n|_1 edges of voxels, 1.5 in the mean: as many quads, and
     // as many points, for every 2 w voxels of the band.
     let points = 1.5 * c.active / (2.0 * sections.band.half_width.0);
-    let mut peak = tree;
+    let (mut peak, mut left) = (tree, 0.0);
     let mut seconds = c.leaves_touched * c.seconds_per_leaf / threads.count() as f64;
     let speed = 2.0 / threads.count() as f64;
     for op in &sections.op[field_operations(&sections.op)..] {
         let (copies, ns) = cost(op, stock.recipe.scale());
         peak = peak.max(tree * (1.0 + copies));
+        // Half of what a filter has used stays with the allocator.
+        left = f64::max(left, 0.5 * copies * tree);
         seconds += c.active * ns * 1e-9 * speed;
     }
     // Bytes per point, as the allocator keeps them: the finished mesh with what the mesher leaves
     // behind, and the normals and the tree of points from which walls are measured.
     let mesh = points * 125.0;
     let walls = points * 45.0;
-    peak = peak.max(tree + mesh + walls);
+    peak = peak.max(tree + left + mesh + walls);
     seconds += c.active * 400e-9 * speed;
     let mut disk = 0.0;
     for output in &sections.output {
@@ -200,7 +202,7 @@ fn predict(stock: &Stock, threads: &Threads, c: &Counts) -> Estimate {
             };
             if kind == OutputKind::Vdb {
                 // A copy in the file's unit, beside what walls have left behind.
-                peak = peak.max(2.0 * tree + mesh + 0.6 * walls);
+                peak = peak.max(2.0 * tree + left + mesh + 0.6 * walls);
             }
         }
     }

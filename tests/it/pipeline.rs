@@ -153,6 +153,21 @@ fn struts_trimmed_at_the_faces_join_into_one_piece() {
 }
 
 #[test]
+fn struts_in_hundreds_of_tets_join_into_one_piece() {
+    use druse::scaffold::{Kind, Scaffold};
+    let directory = tempfile::tempdir().unwrap();
+    let size = druse::frame::Vec3::new(15.0, 12.0, 15.0);
+    let tets = Scaffold::box_grid(size, [5, 4, 5], Kind::Tet4).unwrap();
+    let path = directory.path().join("tets.vtu");
+    druse::io::write_vtu(&path, &tets, &[]).unwrap();
+    let found = report(&format!(
+        "druse = 1\n[cell.s]\nmesh = \"ROOT/examples/bracket/strut.stl\"\nband_limit = 8\n[scaffold]\nfile = {path:?}\n[tiling]\ncell = \"s\"\n[band]\nvoxel_size = 0.09\n"
+    ));
+    assert_eq!(found.scaffold.as_ref().unwrap().elements["Tet4"], 600);
+    assert_eq!(found.solid.components, 1);
+}
+
+#[test]
 fn one_thread_and_two_give_the_same_content() {
     let hash = |threads: usize| {
         let directory = tempfile::tempdir().unwrap();
