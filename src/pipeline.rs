@@ -8,7 +8,7 @@
 //! use druse::pipeline::{RunOptions, run};
 //! use druse::progress::Silent;
 //! use druse::recipe::Recipe;
-//! let text = "druse = 1\n[band]\nvoxel_size = 0.5\n[[op]]\nunion = { sphere = { radius = 5 } }\n";
+//! let text = "druse = 1\n[band]\nvoxel_size = 0.25\n[[op]]\nunion = { sphere = { radius = 5 } }\n";
 //! let recipe = Recipe::parse(text, &[]).unwrap();
 //! let report = run(&recipe, &RunOptions::default(), &Silent).unwrap();
 //! let ball = 4.0 / 3.0 * std::f64::consts::PI * 125.0;
