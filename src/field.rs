@@ -45,6 +45,22 @@ impl Interval {
         self.lo <= v && v <= self.hi
     }
 
+    /// The negatives.
+    #[must_use]
+    pub fn negated(self) -> Self {
+        Self::new(-self.hi, -self.lo)
+    }
+
+    /// The magnitudes.
+    #[must_use]
+    pub fn magnitude(self) -> Self {
+        let (lo, hi) = (self.lo.abs(), self.hi.abs());
+        Self::new(
+            if self.contains(0.0) { 0.0 } else { lo.min(hi) },
+            lo.max(hi),
+        )
+    }
+
     /// The smallest interval that holds both.
     #[must_use]
     pub fn hull(self, other: Self) -> Self {

@@ -24,11 +24,13 @@ mod lattice;
 mod operator;
 mod orbit;
 mod point_group;
+mod text;
 pub use basis::{Basis, Harmonic};
-pub use lattice::Lattice;
+pub use lattice::{LATTICE_NAMES, Lattice};
 pub use operator::Operator;
 pub use orbit::Orbit;
 pub use point_group::{GROUP_NAMES, PointGroup};
+pub use text::{GroupText, GroupTextError};
 
 /// An index of the dual lattice: the wave exp(2 pi i k.u). Ordered lexicographically.
 pub type Frequency<const D: usize> = [i32; D];
@@ -76,6 +78,16 @@ pub enum SymmetryError {
         dimension: usize,
         /// The names there are.
         known: String,
+    },
+    /// An icosahedral group.
+    #[error(
+        "group {group} is not crystallographic: no lattice in space has axes of order 5 (a rotation \
+         by 72 degrees has the trace 1.618, which no integer matrix has), so that its cells cannot \
+         repeat over a scaffold; use it for a cell that stands alone"
+    )]
+    NoLattice {
+        /// The group.
+        group: String,
     },
     /// A name that no lattice has.
     #[error("unknown lattice {name:?} in {dimension} dimensions; known: {known}")]

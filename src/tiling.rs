@@ -87,6 +87,15 @@ pub enum TilingError {
         /// Name of its shape.
         found: &'static str,
     },
+    /// A cell whose copies in neighbours need not meet.
+    #[error(
+        "the cell lacks symmetries of the {cell}: turned by another numbering of an element's nodes \
+         it is another cell, and would be torn at the faces; fit it with the {cell}'s whole group"
+    )]
+    Symmetry {
+        /// Name of the cell's element.
+        cell: &'static str,
+    },
     /// A length is not positive and finite.
     #[error("{what} is {value}; expected a positive, finite length")]
     Length {
@@ -164,6 +173,11 @@ impl<'a, C: CellField> TiledSolid<'a, C> {
         let (sup, rms) = (cell.gradient_sup(), cell.gradient_rms());
         if !(sup.is_finite() && rms.is_finite() && sup > 0.0 && rms > 0.0) {
             return Err(TilingError::Slope { rms, sup });
+        }
+        if !cell.fits_any_numbering() {
+            return Err(TilingError::Symmetry {
+                cell: cell.element().name(),
+            });
         }
         if scaffold.is_empty() {
             return Err(TilingError::Empty);

@@ -1,13 +1,120 @@
-//! The fundamental simplex of a solid element, its lattice of points and its small tetrahedra.
+//! The fundamental domain of an element under a group: a few flags, their points and small tetrahedra.
 //!
-//! The symmetry group of the element maps the simplex (centroid, vertex, edge midpoint, face centre)
-//! onto every part of the element, so that averages over the element of invariant functions are
-//! averages over the simplex. Points are V0 + a (V1 - V0) + b (V2 - V1) + c (V3 - V2) with
+//! A flag is the simplex (centroid, vertex, edge midpoint, face centre) of a vertex on an edge on a
+//! face; the flags fill the element. A group of the element moves them about freely, so that one of
+//! each orbit stands for all its images: averages over the element of invariant functions are
+//! averages over these. Under the element's whole group there is 1 flag for tet and hex, 3 for the
+//! wedge, 4 for the pyramid. Points are V0 + a (V1 - V0) + b (V2 - V1) + c (V3 - V2) with
 //! 1 >= a >= b >= c >= 0: a = 1 is the element's face, a = 1 and c = 0 its edge.
+//!
+//! A flag of a planar element is the triangle (centroid, vertex, edge midpoint), c = 0. What holds
+//! volumes of a planar cell is the domain of the prism over it, [`Domain::solid`].
 
-use crate::frame::{CellPoint, Element, Vec3};
+use crate::frame::{CellPoint, Element, Mat3, Vec3};
 
-/// Centroid, vertex, edge midpoint and face centre of one flag of the element.
+/// A simplex of the barycentric subdivision that stands for its orbit.
+#[derive(Clone, Debug)]
+pub(super) struct Flag {
+    /// Centroid, vertex, edge midpoint, face centre; of a planar element the last repeats.
+    pub corners: [Vec3; 4],
+    /// The part of the element that it and its images fill.
+    pub share: f64,
+}
+
+impl Flag {
+    /// The point with ordered coordinates (a, b, c).
+    pub fn point(&self, coordinates: [f64; 3]) -> CellPoint<3> {
+        point(&self.corners, coordinates)
+    }
+}
+
+/// One flag of each orbit; the shares add up to 1.
+#[derive(Clone, Debug)]
+pub(super) struct Domain {
+    pub flags: Vec<Flag>,
+}
+
+impl Domain {
+    /// The domain of an element under a group of its symmetries.
+    pub fn new(element: Element, operators: &[Mat3]) -> Self {
+        let mut flags: Vec<([Vec3; 4], Vec3)> = all_flags(element)
+            .into_iter()
+            .map(|f| (f, f[1] * 0.5 + f[2] * 0.3 + f[3] * 0.2))
+            .collect();
+        // The flag of an orbit that reaches farthest along x, then y, then z.
+        flags.sort_by(|(_, a), (_, b)| {
+            let differs = (0..3).find(|&i| (a[i] - b[i]).abs() > 1e-9);
+            differs.map_or(std::cmp::Ordering::Equal, |i| b[i].total_cmp(&a[i]))
+        });
+        let mut chosen: Vec<([Vec3; 4], Vec3)> = Vec::new();
+        for (corners, mark) in flags {
+            let seen = chosen.iter().any(|(_, other)| {
+                operators
+                    .iter()
+                    .any(|q| (q * other - mark).norm_squared() < 1e-16)
+            });
+            if !seen {
+                chosen.push((corners, mark));
+            }
+        }
+        let images = operators.len() as f64 / element.measure();
+        Self {
+            flags: chosen
+                .into_iter()
+                .map(|(corners, _)| Flag {
+                    share: measure(&corners, element.dimension()) * images,
+                    corners,
+                })
+                .collect(),
+        }
+    }
+
+    /// The same, of a planar element that of the prism of height 1 over it, whose group is that of
+    /// the element and the reflection of z.
+    pub fn solid(element: Element, operators: &[Mat3]) -> Self {
+        let prism = match element {
+            Element::Tri => Element::Wedge,
+            Element::Quad => Element::Hex,
+            _ => return Self::new(element, operators),
+        };
+        let flip = Mat3::from_diagonal(&Vec3::new(1.0, 1.0, -1.0));
+        let mut all = operators.to_vec();
+        all.extend(operators.iter().map(|q| q * flip));
+        Self::new(prism, &all)
+    }
+}
+
+/// Area or volume of a flag.
+fn measure(c: &[Vec3; 4], dimension: usize) -> f64 {
+    let edges = [c[1] - c[0], c[2] - c[0], c[3] - c[0]];
+    if dimension == 2 {
+        edges[0].cross(&edges[1]).norm() / 2.0
+    } else {
+        edges[0].cross(&edges[1]).dot(&edges[2]).abs() / 6.0
+    }
+}
+
+/// Every flag of an element.
+fn all_flags(element: Element) -> Vec<[Vec3; 4]> {
+    let vertices = element.vertices();
+    let centre = element.centroid().0;
+    let middle =
+        |of: &[usize]| -> Vec3 { of.iter().map(|&i| vertices[i]).sum::<Vec3>() / of.len() as f64 };
+    let edges = element.edges();
+    let mut flags = Vec::new();
+    for face in element.faces() {
+        let corners = element.face_vertices(&face);
+        let on_face = |e: &&[usize; 2]| e.iter().all(|v| corners.contains(v));
+        for edge in edges.iter().filter(on_face) {
+            for &v in edge {
+                flags.push([centre, vertices[v], middle(edge), middle(&corners)]);
+            }
+        }
+    }
+    flags
+}
+
+/// The one flag of a tet or a hex under its whole group.
 pub(super) fn flag(element: Element) -> [Vec3; 4] {
     let v = Vec3::new;
     match element {
@@ -106,16 +213,45 @@ impl SimplexGrid {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::cell::{default_group, groups, operators_of};
+
+    fn operators(element: Element, group: &str) -> Vec<Mat3> {
+        operators_of(element, group).unwrap()
+    }
 
     #[test]
-    fn flags_tile_their_element() {
-        for (element, flags) in [(Element::Tet, 24.0), (Element::Hex, 48.0)] {
-            let f = flag(element);
-            let edges = nalgebra::Matrix3::from_columns(&[f[1] - f[0], f[2] - f[0], f[3] - f[0]]);
-            let volume = edges.determinant().abs() / 6.0;
-            assert!((volume * flags - element.measure()).abs() < 1e-15);
-            for v in &f[1..] {
-                assert!(element.face_distance(CellPoint(*v)).abs() < 1e-15);
+    fn flags_and_their_images_fill_the_element() {
+        for element in Element::ALL {
+            for &name in groups(element) {
+                let operators = operators(element, name);
+                let domain = Domain::new(element, &operators);
+                let total: f64 = domain.flags.iter().map(|f| f.share).sum();
+                assert!((total - 1.0).abs() < 1e-12, "{element:?} {name}: {total}");
+                for f in &domain.flags {
+                    for c in &f.corners[1..] {
+                        assert!(element.face_distance(CellPoint(*c)).abs() < 1e-12);
+                    }
+                }
+                let solid = Domain::solid(element, &operators);
+                let total: f64 = solid.flags.iter().map(|f| f.share).sum();
+                assert!((total - 1.0).abs() < 1e-12, "{element:?} {name}: {total}");
+            }
+        }
+        for (element, count) in [
+            (Element::Tet, 1),
+            (Element::Hex, 1),
+            (Element::Wedge, 3),
+            (Element::Pyramid, 4),
+        ] {
+            let whole = operators(element, default_group(element));
+            assert_eq!(whole.len(), element.symmetry_order());
+            assert_eq!(Domain::new(element, &whole).flags.len(), count);
+        }
+        for element in [Element::Tet, Element::Hex] {
+            let whole = operators(element, default_group(element));
+            let found = Domain::new(element, &whole).flags[0].corners;
+            for (a, b) in found.iter().zip(flag(element)) {
+                assert!((a - b).norm() < 1e-12);
             }
         }
     }

@@ -9,11 +9,13 @@
 //!
 //! Each inner list of `lattice` is one lattice vector. `c` = (re, im) multiplies every exponential
 //! exp(2 pi i k.u), x = L u, of the orbit of `k`; each orbit pair +-k is listed once, and the opposite
-//! orbit has the conjugate. `gamma` and `report` may be missing.
+//! orbit has the conjugate. `gamma` and `report` may be missing. Planar elements have two lattice
+//! vectors of two components and two indices. A group that has no name here is written with its
+//! `generators`, operators such as `x,-z,y` on the lattice coordinates u.
 
-use super::{Cell, CellError, FitReport, Series, Solid, default_group, lattices};
+use super::{Cell, CellError, FitReport, Form, Series, Solid, lattices};
 use crate::frame::Element;
-use crate::symmetry::{Lattice, PointGroup};
+use crate::symmetry::{Frequency, Lattice, Operator, PointGroup};
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer};
 use std::fmt::Write as _;
@@ -62,9 +64,8 @@ fn version<'de, D: Deserializer<'de>>(d: D) -> Result<(), D::Error> {
 }
 
 fn element<'de, D: Deserializer<'de>>(d: D) -> Result<Element, D::Error> {
-    word(d, "element", "tet or hex", |t| {
-        Element::from_name(t).filter(|e| e.dimension() == 3)
-    })
+    let known: Vec<&str> = Element::ALL.iter().map(|e| e.name()).collect();
+    word(d, "element", &known.join(", "), Element::from_name)
 }
 
 fn solid<'de, D: Deserializer<'de>>(d: D) -> Result<Solid, D::Error> {
@@ -99,7 +100,9 @@ struct Document {
     #[serde(deserialize_with = "element")]
     element: Element,
     group: String,
-    lattice: [[f64; 3]; 3],
+    #[serde(default)]
+    generators: Option<Vec<String>>,
+    lattice: Vec<Vec<f64>>,
     coefficients: Vec<Entry>,
     #[serde(default)]
     level: f64,
@@ -120,7 +123,7 @@ fn below() -> Solid {
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Entry {
-    k: [i32; 3],
+    k: Vec<i32>,
     c: [f64; 2],
 }
 
@@ -133,6 +136,93 @@ fn line_of_coefficient(text: &str, place: usize) -> Option<usize> {
 
 fn line_at(text: &str, byte: usize) -> usize {
     text[..byte].matches('\n').count() + 1
+}
+
+/// The series of a document.
+fn series<const D: usize>(
+    document: &Document,
+    on_key: &dyn Fn(&str, String) -> CellTextError,
+    fault: &dyn Fn(CellError) -> CellTextError,
+) -> Result<Series<D>, CellTextError> {
+    let element = document.element;
+    let vectors: Option<Vec<[f64; D]>> = document
+        .lattice
+        .iter()
+        .map(|v| v.as_slice().try_into().ok())
+        .collect();
+    let vectors: [[f64; D]; D] = vectors.and_then(|v| v.try_into().ok()).ok_or_else(|| {
+        let found = &document.lattice;
+        on_key(
+            "lattice",
+            format!("the lattice is {found:?}; expected {D} vectors of {D} components"),
+        )
+    })?;
+    let lattice = Lattice::new(vectors).map_err(|e| fault(e.into()))?;
+    // A named lattice is exact whatever the file's digits.
+    let lattice: Lattice<D> = match lattice.name() {
+        Some(name) => Lattice::named(name).map_err(|e| fault(e.into()))?,
+        None => {
+            return Err(on_key(
+                "lattice",
+                format!(
+                    "the lattice {:?} does not go with a {}; expected {}",
+                    document.lattice,
+                    element.name(),
+                    lattices(element).join(" or ")
+                ),
+            ));
+        }
+    };
+    let group = match &document.generators {
+        None => PointGroup::named(&document.group, &lattice)
+            .map_err(|e| on_key("group", e.to_string()))?,
+        Some(texts) => {
+            let operators = texts
+                .iter()
+                .map(|t| t.parse::<Operator<D>>())
+                .collect::<Result<Vec<_>, _>>()
+                .map_err(|e| on_key("generators", e.to_string()))?;
+            PointGroup::generated(&document.group, &operators)
+                .map_err(|e| on_key("generators", e.to_string()))?
+        }
+    };
+    let mut terms: Vec<(Frequency<D>, [f64; 2])> = Vec::with_capacity(document.coefficients.len());
+    for (place, entry) in document.coefficients.iter().enumerate() {
+        let k = entry.k.as_slice().try_into().map_err(|_| {
+            fault(CellError::Coefficient {
+                place,
+                index: format!("{:?}", entry.k),
+                reason: format!("{} indices; expected {D}", entry.k.len()),
+            })
+        })?;
+        terms.push((k, entry.c));
+    }
+    Series::new(group, lattice, &terms).map_err(fault)
+}
+
+/// Writes group, lattice and coefficients of a series.
+fn write_series<const D: usize>(text: &mut String, series: &Series<D>) {
+    let (group, lattice) = (series.group(), series.lattice());
+    let _ = write!(text, "  \"group\": {},", quoted(group.name()));
+    if !group.is_named(lattice) {
+        let generators: Vec<String> = group.generators().iter().map(ToString::to_string).collect();
+        let _ = write!(text, " \"generators\": {generators:?},");
+    }
+    let _ = write!(
+        text,
+        "\n  \"lattice\": {:?},\n  \"coefficients\": [\n",
+        lattice.vectors()
+    );
+    for (n, t) in series.coefficients().iter().enumerate() {
+        let last = n + 1 == series.coefficients().len();
+        let comma = if last { "" } else { "," };
+        let _ = writeln!(text, "    {{\"k\": {:?}, \"c\": {:?}}}{comma}", t.k, t.c);
+    }
+    text.push_str("  ]");
+}
+
+fn quoted(s: &str) -> String {
+    serde_json::Value::from(s).to_string()
 }
 
 impl Cell {
@@ -165,37 +255,12 @@ impl Cell {
             _ => on_key("lattice", e.to_string()),
         };
         let element = document.element;
-        if document.group != default_group(element) {
-            return Err(on_key(
-                "group",
-                format!(
-                    "a {} cell cannot have group {:?}; expected {}",
-                    element.name(),
-                    document.group,
-                    default_group(element)
-                ),
-            ));
-        }
-        let lattice = Lattice::new(document.lattice).map_err(|e| fault(e.into()))?;
-        // A named lattice is exact whatever the file's digits.
-        let lattice = match lattice.name() {
-            Some(name) => Lattice::named(name).map_err(|e| fault(e.into()))?,
-            None => {
-                return Err(on_key(
-                    "lattice",
-                    format!(
-                        "the lattice {:?} does not go with a {}; expected {}",
-                        document.lattice,
-                        element.name(),
-                        lattices(element).join(" or ")
-                    ),
-                ));
-            }
+        let form = if element.dimension() == 2 {
+            series::<2>(&document, &on_key, &fault)?.into()
+        } else {
+            Form::from(series::<3>(&document, &on_key, &fault)?)
         };
-        let group = PointGroup::named(&document.group, &lattice).map_err(|e| fault(e.into()))?;
-        let terms: Vec<_> = document.coefficients.iter().map(|e| (e.k, e.c)).collect();
-        let series = Series::new(group, lattice, &terms).map_err(fault)?;
-        let mut cell = Self::new(&document.name, element, series)
+        let mut cell = Self::new(&document.name, element, form)
             .and_then(|c| c.with_solid(document.solid, document.level))
             .map_err(fault)?;
         cell.face_normal = document.face_normal;
@@ -208,30 +273,23 @@ impl Cell {
 
     /// The text of a `.cell` file; [`Cell::from_json`] gives the same cell back, bit for bit.
     pub fn to_json(&self) -> String {
-        let quoted = |s: &str| serde_json::Value::from(s).to_string();
-        let series = &self.series;
         let mut text = String::new();
         // Writing to a string cannot fail.
         let _ = write!(
             text,
-            "{{\n  \"format\": \"{FORMAT}\", \"version\": {VERSION}, \"name\": {},\n  \"element\": {}, \
-             \"group\": {},\n  \"lattice\": {:?},\n  \"coefficients\": [\n",
+            "{{\n  \"format\": \"{FORMAT}\", \"version\": {VERSION}, \"name\": {},\n  \"element\": {},\n",
             quoted(&self.name),
             quoted(self.element.name()),
-            quoted(series.group().name()),
-            series.lattice().vectors(),
         );
-        for (n, t) in series.coefficients().iter().enumerate() {
-            let comma = if n + 1 < series.coefficients().len() {
-                ","
-            } else {
-                ""
-            };
-            let _ = writeln!(text, "    {{\"k\": {:?}, \"c\": {:?}}}{comma}", t.k, t.c);
+        if let Some(series) = self.series() {
+            write_series(&mut text, series);
+        }
+        if let Some(series) = self.planar() {
+            write_series(&mut text, series);
         }
         let _ = write!(
             text,
-            "  ],\n  \"level\": {:?}, \"solid\": {}, \"gamma\": {:?}, \"face_normal\": {}",
+            ",\n  \"level\": {:?}, \"solid\": {}, \"gamma\": {:?}, \"face_normal\": {}",
             self.level,
             quoted(self.solid.name()),
             self.gamma(),

@@ -112,6 +112,11 @@ fn fit_with(
     progress: &dyn Progress,
 ) -> Result<Cell, FitError> {
     check(options)?;
+    if !matches!(element, Element::Tet | Element::Hex) {
+        return Err(FitError::Element {
+            element: element.name(),
+        });
+    }
     let (group, lattice) = Cell::symmetry(element, options.lattice.as_deref())?;
     // The number of orbits, about that of unknowns, without listing them.
     let ball = 4.0 / 3.0 * std::f64::consts::PI * options.band_limit.powi(3) * lattice.volume();

@@ -4,7 +4,7 @@
 //! linear on small tetrahedra of the fundamental simplex; the error is of second order in their
 //! size, and levels are extrapolated from two sizes.
 
-use super::domain::{SimplexGrid, flag, point};
+use super::domain::{Domain, SimplexGrid};
 use super::{Cell, CellError, Solid};
 use crate::field::Field;
 use crate::frame::CellPoint;
@@ -35,31 +35,50 @@ fn fraction_below(mut v: [f64; 4], t: f64) -> (f64, f64) {
     }
 }
 
-/// Values of a cell's series on the simplex lattice, coarse and fine.
+/// Values of a cell's function on the simplex lattice of every flag, coarse and fine.
 pub(super) struct Samples {
+    /// Flag by flag, each in the order of [`SimplexGrid::index`].
     pub values: Vec<f64>,
+    domain: Domain,
     grid: SimplexGrid,
 }
 
 impl Samples {
     pub fn new(cell: &Cell, parts: usize) -> Self {
+        let domain = Domain::solid(cell.element, &cell.operators);
+        // As many points in all, whatever the number of flags; coarse grids need an even number.
+        let share = (domain.flags.len() as f64).cbrt().recip();
+        let parts = ((parts as f64 * share) as usize).next_multiple_of(2).max(8);
         let grid = SimplexGrid::new(parts);
-        let corners = flag(cell.element);
-        let values = grid
-            .coordinates()
-            .into_par_iter()
-            .map(|c| cell.series.value(point(&corners, c)))
+        let coordinates = grid.coordinates();
+        let values = domain
+            .flags
+            .iter()
+            .flat_map(|flag| {
+                let value = |c: &[f64; 3]| cell.form.value(flag.point(*c));
+                coordinates.par_iter().map(value).collect::<Vec<f64>>()
+            })
             .collect();
-        Self { values, grid }
+        Self {
+            values,
+            domain,
+            grid,
+        }
     }
 
     /// Parts per edge that a second or so of evaluation allows.
     fn parts(cell: &Cell) -> usize {
-        match cell.series.exponentials().len() {
+        match cell.form.exponentials() {
             0..500 => 96,
             500..10_000 => 48,
             _ => 24,
         }
+    }
+
+    /// The values on one flag.
+    fn on_flag(&self, flag: usize) -> &[f64] {
+        let count = self.values.len() / self.domain.flags.len();
+        &self.values[flag * count..(flag + 1) * count]
     }
 
     pub fn range(&self) -> (f64, f64) {
@@ -73,24 +92,29 @@ impl Samples {
     /// Share of the element below `t` and its derivative, with every `skip`-th point per edge.
     fn below(&self, t: f64, skip: usize) -> (f64, f64) {
         let grid = SimplexGrid::new(self.grid.parts() / skip);
-        let layers: Vec<(f64, f64)> = (0..grid.parts())
-            .into_par_iter()
-            .map(|i| {
-                let mut sum = (0.0, 0.0);
-                SimplexGrid::layer(i, |corners| {
-                    let v = corners.map(|c| self.values[SimplexGrid::index(c.map(|x| x * skip))]);
-                    let (f, df) = fraction_below(v, t);
-                    sum.0 += f;
-                    sum.1 += df;
-                });
-                sum
-            })
-            .collect();
         let count = (grid.parts() as f64).powi(3);
-        let total = layers
-            .into_iter()
-            .fold((0.0, 0.0), |s, l| (s.0 + l.0, s.1 + l.1));
-        (total.0 / count, total.1 / count)
+        let mut total = (0.0, 0.0);
+        for (number, flag) in self.domain.flags.iter().enumerate() {
+            let values = self.on_flag(number);
+            let layers: Vec<(f64, f64)> = (0..grid.parts())
+                .into_par_iter()
+                .map(|i| {
+                    let mut sum = (0.0, 0.0);
+                    SimplexGrid::layer(i, |corners| {
+                        let v = corners.map(|c| values[SimplexGrid::index(c.map(|x| x * skip))]);
+                        let (f, df) = fraction_below(v, t);
+                        sum.0 += f;
+                        sum.1 += df;
+                    });
+                    sum
+                })
+                .collect();
+            let weight = flag.share / count;
+            for (f, df) in layers {
+                total = (total.0 + f * weight, total.1 + df * weight);
+            }
+        }
+        total
     }
 
     /// Share of the element that is solid, with its derivative by the level.
@@ -223,31 +247,30 @@ impl Cell {
         let samples = Samples::new(self, Samples::parts(self).min(32));
         let pieces: Vec<Piece> = levels
             .iter()
-            .flat_map(|&t| Piece::all(self, &samples, t))
+            .flat_map(|&t| Piece::all(&samples, t))
             .collect();
         let squares: Vec<f64> = pieces
             .par_iter()
             .map(|p| {
                 // The centre of a flat piece lies beside a curved surface: one step onto it.
-                let (v, g) = self.series.value_and_gradient(p.centre);
+                let (v, g) = self.form.value_and_gradient(p.centre);
                 let step = g * ((v - p.level) / g.norm_squared().max(f64::MIN_POSITIVE));
                 let foot = CellPoint(p.centre.0 - step);
-                self.series.value_and_gradient(foot).1.norm_squared() * p.area
+                self.form.value_and_gradient(foot).1.norm_squared() * p.area
             })
             .collect();
         let area: f64 = pieces.iter().map(|p| p.area).sum();
         if area > 0.0 {
             return (squares.iter().sum::<f64>() / area).sqrt();
         }
-        let corners = flag(self.element);
         let points = SimplexGrid::new(12).coordinates();
-        let mean: f64 = points
-            .iter()
-            .map(|&c| {
-                let p = point(&corners, c);
-                self.series.value_and_gradient(p).1.norm_squared() / points.len() as f64
-            })
-            .sum();
+        let mut mean = 0.0;
+        for flag in &samples.domain.flags {
+            for &c in &points {
+                let square = self.form.value_and_gradient(flag.point(c)).1.norm_squared();
+                mean += square * flag.share / points.len() as f64;
+            }
+        }
         mean.sqrt()
     }
 }
@@ -260,24 +283,27 @@ pub(super) struct Piece {
 }
 
 impl Piece {
-    /// The pieces of the surface where the function is `t`.
-    pub fn all(cell: &Cell, samples: &Samples, t: f64) -> Vec<Self> {
+    /// The pieces of the surface where the function is `t`; every flag has as many images.
+    pub fn all(samples: &Samples, t: f64) -> Vec<Self> {
         let mut pieces = Vec::new();
-        samples.grid.tetrahedra(|corners| {
-            pieces.extend(Self::cut(cell, samples, corners, t));
-        });
+        for flag in 0..samples.domain.flags.len() {
+            samples.grid.tetrahedra(|corners| {
+                pieces.extend(Self::cut(samples, flag, corners, t));
+            });
+        }
         pieces
     }
 
-    fn cut(cell: &Cell, samples: &Samples, corners: [[usize; 3]; 4], t: f64) -> Option<Self> {
-        let v = corners.map(|c| samples.values[SimplexGrid::index(c)]);
+    fn cut(samples: &Samples, flag: usize, corners: [[usize; 3]; 4], t: f64) -> Option<Self> {
+        let values = samples.on_flag(flag);
+        let v = corners.map(|c| values[SimplexGrid::index(c)]);
         let (_, density) = fraction_below(v, t);
         if density <= 0.0 {
             return None;
         }
         let n = samples.grid.parts() as f64;
-        let f = flag(cell.element);
-        let p = corners.map(|c| point(&f, c.map(|x| x as f64 / n)).0);
+        let f = &samples.domain.flags[flag];
+        let p = corners.map(|c| f.point(c.map(|x| x as f64 / n)).0);
         let edges = nalgebra::Matrix3::from_rows(&[1, 2, 3].map(|i| (p[i] - p[0]).transpose()));
         let rise = nalgebra::Vector3::new(v[1] - v[0], v[2] - v[0], v[3] - v[0]);
         let gradient = edges.try_inverse()? * rise;

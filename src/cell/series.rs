@@ -201,6 +201,70 @@ impl<const D: usize> Series<D> {
             })
             .collect();
         let expanded: Vec<_> = self.expanded.iter().map(|&(k, c)| (k, scale(c))).collect();
+        self.with(coefficients, expanded)
+    }
+
+    /// The series minus a constant.
+    #[must_use]
+    pub fn lowered(&self, by: f64) -> Self {
+        let constant = [0; D];
+        let lowered = |c: [f64; 2]| [c[0] - by, c[1]];
+        let mut coefficients = self.coefficients.clone();
+        let mut expanded = self.expanded.clone();
+        // The constant comes first in the one list, and has its place in the other.
+        match coefficients.first_mut().filter(|t| t.k == constant) {
+            Some(t) => t.c = lowered(t.c),
+            None => coefficients.insert(
+                0,
+                Coefficient {
+                    k: constant,
+                    c: [-by, 0.0],
+                },
+            ),
+        }
+        match expanded.binary_search_by_key(&constant, |t| t.0) {
+            Ok(at) => expanded[at].1 = lowered(expanded[at].1),
+            Err(at) => expanded.insert(at, (constant, [-by, 0.0])),
+        }
+        self.with(coefficients, expanded)
+    }
+
+    /// a self + b other, if both have one group and one lattice.
+    pub fn plus(&self, a: f64, other: &Self, b: f64) -> Option<Self> {
+        if self.group.operators() != other.group.operators() || self.lattice != other.lattice {
+            return None;
+        }
+        let order = |k: Frequency<D>| ((self.lattice.frequency_norm(k) * 1e9).round() as i64, k);
+        let mut coefficients: Vec<Coefficient<D>> = self.scaled(a).coefficients;
+        for t in &other.coefficients {
+            let c = t.c.map(|v| v * b);
+            match coefficients.binary_search_by_key(&order(t.k), |s| order(s.k)) {
+                Ok(at) => {
+                    let own = coefficients[at].c;
+                    coefficients[at].c = [own[0] + c[0], own[1] + c[1]];
+                }
+                Err(at) => coefficients.insert(at, Coefficient { k: t.k, c }),
+            }
+        }
+        let mut expanded = self.scaled(a).expanded;
+        expanded.extend(other.expanded.iter().map(|&(k, c)| (k, c.map(|v| v * b))));
+        expanded.sort_by_key(|t| t.0);
+        expanded.dedup_by(|next, kept| {
+            let same = next.0 == kept.0;
+            if same {
+                kept.1 = [kept.1[0] + next.1[0], kept.1[1] + next.1[1]];
+            }
+            same
+        });
+        Some(self.with(coefficients, expanded))
+    }
+
+    /// The same group and lattice with other terms.
+    fn with(
+        &self,
+        coefficients: Vec<Coefficient<D>>,
+        expanded: Vec<(Frequency<D>, [f64; 2])>,
+    ) -> Self {
         Self {
             group: self.group.clone(),
             lattice: self.lattice.clone(),

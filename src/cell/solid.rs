@@ -84,24 +84,15 @@ impl Solid {
 
     /// The solid field's values where the function's values lie in `phi`.
     pub fn interval(self, phi: Interval, level: f64) -> Interval {
-        let magnitude = || {
-            let greatest = phi.hi.abs().max(phi.lo.abs());
-            let least = if phi.contains(0.0) {
-                0.0
-            } else {
-                phi.hi.abs().min(phi.lo.abs())
-            };
-            Interval::new(least, greatest)
-        };
         match self {
             Self::Below => Interval::new(phi.lo - level, phi.hi - level),
             Self::Above => Interval::new(level - phi.hi, level - phi.lo),
             Self::Sheet => {
-                let m = magnitude();
+                let m = phi.magnitude();
                 Interval::new(m.lo - level, m.hi - level)
             }
             Self::Channels => {
-                let m = magnitude();
+                let m = phi.magnitude();
                 Interval::new(level - m.hi, level - m.lo)
             }
         }

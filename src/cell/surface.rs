@@ -106,6 +106,11 @@ impl Surface {
             Element::Tri | Element::Quad => {
                 return Err(no_form("it is a surface of three dimensions"));
             }
+            Element::Wedge | Element::Pyramid => {
+                return Err(no_form(
+                    "its periods are those of a cube; use it with hexes or tets",
+                ));
+            }
             Element::Hex if self == Self::Diamond => {
                 return Err(no_form(
                     "half of its energy, sX sY sZ, changes sign under the inversion, and what \

@@ -35,6 +35,7 @@ const ROUNDING: f64 = 2e-6;
 /// A cell as a table; see the module's head.
 pub struct Table {
     element: Element,
+    fits_any_numbering: bool,
     solid: Solid,
     /// Half thickness of a sheet; 0 otherwise, since the level is in the coefficients.
     half: f32,
@@ -108,6 +109,7 @@ impl Table {
         let symmetric = cell.solid().is_symmetric();
         let mut table = Self {
             element: cell.element(),
+            fits_any_numbering: cell.fits_any_numbering(),
             solid: cell.solid(),
             half: if symmetric { cell.level() as f32 } else { 0.0 },
             sign: if cell.solid() == Solid::Above {
@@ -129,6 +131,11 @@ impl Table {
     /// The element the cell fills.
     pub fn element(&self) -> Element {
         self.element
+    }
+
+    /// Whether the cell is the same whatever the numbering of an element's nodes.
+    pub fn fits_any_numbering(&self) -> bool {
+        self.fits_any_numbering
     }
 
     /// Samples per axis of the cubic period.
@@ -204,11 +211,19 @@ impl Table {
         let scale = self.cells_per_unit();
         let half = (0.5 * scale).ceil() as i64;
         let n = self.spline.samples() as i64;
-        // The group maps the part of the element with x >= |y|, |z| onto the rest.
+        // The whole group maps the part of the element with x >= |y|, |z| onto the rest.
+        let reach = |i: i64| {
+            if self.fits_any_numbering {
+                (-i - 2).max(-half)..half.min(i + 2)
+            } else {
+                -half..half
+            }
+        };
+        let first = if self.fits_any_numbering { 0 } else { -half };
         let in_slab = |i: i64| {
             let mut steepest = 0f32;
-            for j in (-i - 2).max(-half)..half.min(i + 2) {
-                for k in (-i - 2).max(-half)..half.min(i + 2) {
+            for j in reach(i) {
+                for k in reach(i) {
                     let lo = Vec3::new(i as f64, j as f64, k as f64) / scale;
                     if self.element != Element::Tet || meets_tet(lo, 1.0 / scale) {
                         let at = [i, j, k].map(|c| c.rem_euclid(n) as usize);
@@ -219,7 +234,7 @@ impl Table {
             }
             steepest
         };
-        let steepest = (0..half)
+        let steepest = (first..half)
             .into_par_iter()
             .map(in_slab)
             .reduce(|| 0.0, f32::max);

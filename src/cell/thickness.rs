@@ -23,13 +23,13 @@ const TOLERANCE: f64 = 0.02;
 /// Parts per edge of the simplex on which surface points are found.
 const PARTS: usize = 24;
 
-/// A point outside the tetrahedron mirrored back through the faces.
+/// A point outside the element mirrored back through the faces; cells of a hex are periodic.
 fn folded(element: Element, mut x: Vec3) -> Vec3 {
-    if element != Element::Tet {
+    if element == Element::Hex {
         return x;
     }
+    let faces = element.faces();
     for _ in 0..8 {
-        let faces = element.faces();
         let out = |f: &crate::frame::Face| f.normal.dot(&x) - f.offset;
         let worst = faces
             .iter()
@@ -99,7 +99,7 @@ impl<'a> Gauge<'a> {
         };
         let mut pieces = Vec::new();
         for &t in levels {
-            pieces.extend(Piece::all(self.cell, &self.samples, t));
+            pieces.extend(Piece::all(&self.samples, t));
         }
         let mut chords: Vec<(f64, f64)> = pieces
             .par_iter()

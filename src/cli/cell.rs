@@ -78,17 +78,18 @@ fn read(path: &Path) -> Result<Cell, Failure> {
 
 /// What a cell is, as an object.
 pub(super) fn facts(cell: &Cell) -> Value {
-    let series = cell.series();
+    let form = cell.form();
     json!({
         "kind": "cell",
         "name": cell.name(),
         "element": cell.element().name(),
-        "group": series.group().name(),
-        "operators": series.group().order(),
-        "lattice": series.lattice().name(),
-        "coefficients": series.coefficients().len(),
-        "degrees_of_freedom": series.degrees_of_freedom(),
-        "band_limit": series.band_limit(),
+        "group": cell.group(),
+        "operators": cell.operators().len(),
+        "any_numbering": cell.fits_any_numbering(),
+        "lattice": form.lattice_name(),
+        "coefficients": form.coefficients(),
+        "degrees_of_freedom": form.degrees_of_freedom(),
+        "band_limit": form.band_limit(),
         "level": cell.level(),
         "solid": cell.solid().name(),
         "volume_fraction": cell.volume_fraction(),
@@ -99,19 +100,19 @@ pub(super) fn facts(cell: &Cell) -> Value {
 
 /// What a cell is, for people.
 pub(super) fn describe(cell: &Cell) -> String {
-    let series = cell.series();
+    let form = cell.form();
     let mut text = format!(
         "{}: a {} cell, group {} ({} operators), lattice {}\n\
          {} coefficients, {} degrees of freedom, frequencies up to {:.3} per unit of length\n\
          solid {} {:.6}, {:.4} of the element, mean slope on the surface {:.4}\n",
         cell.name(),
         cell.element().name(),
-        series.group().name(),
-        series.group().order(),
-        series.lattice().name().unwrap_or("of its own"),
-        series.coefficients().len(),
-        series.degrees_of_freedom(),
-        series.band_limit(),
+        cell.group(),
+        cell.operators().len(),
+        form.lattice_name().unwrap_or("of several"),
+        form.coefficients(),
+        form.degrees_of_freedom(),
+        form.band_limit(),
         cell.solid().name(),
         cell.level(),
         cell.volume_fraction(),
@@ -208,7 +209,7 @@ fn eval(cell: &Cell, points: &Path, output: Option<&Path>) -> Result<Answer, Fai
     let mut rows = Vec::new();
     for [x, y, z] in points {
         let (phi, g) = cell
-            .series()
+            .form()
             .value_and_gradient(CellPoint(Vec3::new(x, y, z)));
         let _ = writeln!(table, "{x},{y},{z},{phi},{},{},{}", g.x, g.y, g.z);
         rows.push(json!([x, y, z, phi, g.x, g.y, g.z]));

@@ -1,8 +1,13 @@
-//! Reference elements: the shapes a unit cell lives in (mathematics.md 2.2).
+//! Reference elements: the shapes a unit cell lives in.
 //!
-//! Origin at the centroid, hexes with edge 1, tets with edge sqrt 2 (inscribed in the unit cube).
+//! Every element has unit edges, but for the tet, which is inscribed in the unit cube (edge sqrt 2).
+//! The origin is the point that all symmetries of the element keep: the centroid, but for the
+//! pyramid, whose origin is the centre of its base.
 
-use super::{CellBox, CellPoint, Vec3};
+use super::{CellBox, CellPoint, Mat3, Vec3};
+
+/// sqrt(3)/2, the height of the equilateral triangle of edge 1.
+const H: f64 = 0.866_025_403_784_438_6;
 
 /// A kind of reference element. Second-order scaffold elements share their linear one's cell.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -15,20 +20,32 @@ pub enum Element {
     Tet,
     /// Unit cube.
     Hex,
+    /// Right prism of height 1 over the triangle.
+    Wedge,
+    /// Half an octahedron of edge 1: the unit square at z = 0, the apex at z = 1/sqrt 2.
+    Pyramid,
 }
 
-/// A face of a solid reference element: the plane `normal . x = offset`, normal pointing out.
+/// A face of a reference element: the plane `normal . x = offset`, normal pointing out. The faces of
+/// a planar element are its edges.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Face {
     /// Unit outward normal.
     pub normal: Vec3,
-    /// Distance of the plane from the centroid.
+    /// Distance of the plane from the origin.
     pub offset: f64,
 }
 
 impl Element {
     /// Every reference element.
-    pub const ALL: [Self; 4] = [Self::Tri, Self::Quad, Self::Tet, Self::Hex];
+    pub const ALL: [Self; 6] = [
+        Self::Tri,
+        Self::Quad,
+        Self::Tet,
+        Self::Hex,
+        Self::Wedge,
+        Self::Pyramid,
+    ];
 
     /// The name used on the command line and in files.
     pub const fn name(self) -> &'static str {
@@ -37,6 +54,8 @@ impl Element {
             Self::Quad => "quad",
             Self::Tet => "tet",
             Self::Hex => "hex",
+            Self::Wedge => "wedge",
+            Self::Pyramid => "pyramid",
         }
     }
 
@@ -49,28 +68,31 @@ impl Element {
     pub const fn dimension(self) -> usize {
         match self {
             Self::Tri | Self::Quad => 2,
-            Self::Tet | Self::Hex => 3,
+            Self::Tet | Self::Hex | Self::Wedge | Self::Pyramid => 3,
         }
     }
 
     /// Vertices in VTK order; planar elements have z = 0.
     pub fn vertices(self) -> Vec<Vec3> {
-        let s = 3f64.sqrt();
         let v = |x, y, z| Vec3::new(x, y, z);
+        let triangle = |z| {
+            [
+                v(-0.5, -H / 3.0, z),
+                v(0.5, -H / 3.0, z),
+                v(0.0, H * 2.0 / 3.0, z),
+            ]
+        };
+        let square = |z| {
+            [
+                v(-0.5, -0.5, z),
+                v(0.5, -0.5, z),
+                v(0.5, 0.5, z),
+                v(-0.5, 0.5, z),
+            ]
+        };
         match self {
-            Self::Tri => vec![
-                v(-0.5, -s / 6.0, 0.0),
-                v(0.5, -s / 6.0, 0.0),
-                v(0.0, s / 3.0, 0.0),
-            ],
-            Self::Quad => {
-                vec![
-                    v(-0.5, -0.5, 0.0),
-                    v(0.5, -0.5, 0.0),
-                    v(0.5, 0.5, 0.0),
-                    v(-0.5, 0.5, 0.0),
-                ]
-            }
+            Self::Tri => triangle(0.0).to_vec(),
+            Self::Quad => square(0.0).to_vec(),
             Self::Tet => {
                 vec![
                     v(-0.5, -0.5, -0.5),
@@ -79,44 +101,81 @@ impl Element {
                     v(0.5, -0.5, 0.5),
                 ]
             }
-            Self::Hex => [-0.5, 0.5]
-                .into_iter()
-                .flat_map(|z| {
-                    [
-                        v(-0.5, -0.5, z),
-                        v(0.5, -0.5, z),
-                        v(0.5, 0.5, z),
-                        v(-0.5, 0.5, z),
-                    ]
-                })
-                .collect(),
+            Self::Hex => [-0.5, 0.5].into_iter().flat_map(square).collect(),
+            Self::Wedge => [-0.5, 0.5].into_iter().flat_map(triangle).collect(),
+            Self::Pyramid => {
+                let mut all = square(0.0).to_vec();
+                all.push(v(0.0, 0.0, 0.5f64.sqrt()));
+                all
+            }
         }
     }
 
-    /// Bounding faces of a solid element (empty for planar ones). Face `i` of a tet lies opposite
-    /// no particular vertex; hex faces come in the order x-, x+, y-, y+, z-, z+.
+    /// Bounding faces, of a planar element its edges in the order of its vertices. Face `i` of a tet
+    /// lies opposite no particular vertex; hex faces come in the order x-, x+, y-, y+, z-, z+; wedge
+    /// and pyramid faces in VTK order: both triangles, then the sides over the edges 01, 12, 20; the
+    /// base, then the triangles over the edges 01, 12, 23, 30.
     pub fn faces(self) -> Vec<Face> {
         let face = |n: Vec3, offset| Face {
             normal: n.normalize(),
             offset,
         };
+        let of_square = |z: f64, offset: f64| {
+            [[0., -1.], [1., 0.], [0., 1.], [-1., 0.]]
+                .map(|[x, y]| face(Vec3::new(x, y, z), offset))
+        };
+        let of_triangle =
+            || [[0., -1.], [H, 0.5], [-H, 0.5]].map(|[x, y]| face(Vec3::new(x, y, 0.0), H / 3.0));
         match self {
-            Self::Tri | Self::Quad => Vec::new(),
+            Self::Tri => of_triangle().to_vec(),
+            Self::Quad => of_square(0.0, 0.5).to_vec(),
             Self::Tet => [[1., 1., 1.], [1., -1., -1.], [-1., 1., -1.], [-1., -1., 1.]]
                 .map(|n| face(Vec3::from(n), 0.5 / 3f64.sqrt()))
                 .to_vec(),
             Self::Hex => (0..3)
                 .flat_map(|a| [-1.0, 1.0].map(|s| face(Vec3::ith(a, s), 0.5)))
                 .collect(),
+            Self::Wedge => {
+                let mut all = vec![face(-Vec3::z(), 0.5), face(Vec3::z(), 0.5)];
+                all.extend(of_triangle());
+                all
+            }
+            Self::Pyramid => {
+                let mut all = vec![face(-Vec3::z(), 0.0)];
+                all.extend(of_square(0.5f64.sqrt(), 6f64.sqrt().recip()));
+                all
+            }
         }
     }
 
-    /// Length, area or volume of the element in its own dimension.
+    /// Vertices of a face, by their numbers in ascending order.
+    pub fn face_vertices(self, face: &Face) -> Vec<usize> {
+        let on = |v: &Vec3| (face.normal.dot(v) - face.offset).abs() < 1e-9;
+        let vertices = self.vertices();
+        (0..vertices.len()).filter(|&i| on(&vertices[i])).collect()
+    }
+
+    /// Pairs of vertices that an edge joins, the lower number first.
+    pub fn edges(self) -> Vec<[usize; 2]> {
+        let faces: Vec<Vec<usize>> = self.faces().iter().map(|f| self.face_vertices(f)).collect();
+        let shared = |i, j| {
+            let both = |f: &&Vec<usize>| f.contains(&i) && f.contains(&j);
+            faces.iter().filter(both).count()
+        };
+        let n = self.vertices().len();
+        (0..n)
+            .flat_map(|j| (0..j).map(move |i| [i, j]))
+            .filter(|&[i, j]| shared(i, j) + 1 == self.dimension())
+            .collect()
+    }
+
+    /// Area or volume of the element in its own dimension.
     pub fn measure(self) -> f64 {
         match self {
-            Self::Tri => 3f64.sqrt() / 4.0,
+            Self::Tri | Self::Wedge => H / 2.0,
             Self::Quad | Self::Hex => 1.0,
             Self::Tet => 1.0 / 3.0,
+            Self::Pyramid => 2f64.sqrt() / 6.0,
         }
     }
 
@@ -125,14 +184,44 @@ impl Element {
         if self == Self::Tet { 2f64.sqrt() } else { 1.0 }
     }
 
-    /// Bounding box of a solid element: the unit cube for both.
+    /// Centroid: the origin, of the pyramid a quarter of its height above it.
+    pub fn centroid(self) -> CellPoint<3> {
+        CellPoint(match self {
+            Self::Pyramid => Vec3::z() * (0.5f64.sqrt() / 4.0),
+            _ => Vec3::zeros(),
+        })
+    }
+
+    /// How many orthogonal maps take the element to itself; a planar element's leave z in place.
+    pub const fn symmetry_order(self) -> usize {
+        match self {
+            Self::Tri => 6,
+            Self::Quad | Self::Pyramid => 8,
+            Self::Tet => 24,
+            Self::Hex => 48,
+            Self::Wedge => 12,
+        }
+    }
+
+    /// Whether an orthogonal map about the origin takes the element to itself.
+    pub fn is_kept_by(self, map: &Mat3) -> bool {
+        let vertices = self.vertices();
+        vertices.iter().all(|v| {
+            let image = map * v;
+            vertices.iter().any(|w| (image - w).norm() < 1e-6)
+        })
+    }
+
+    /// Bounding box: the unit cube for tet and hex.
     pub fn cell_box(self) -> CellBox<3> {
         CellBox::of(self.vertices().into_iter().map(CellPoint))
     }
 
-    /// Largest signed distance of a point to the face planes of a solid element: <= 0 inside.
+    /// Largest signed distance of a point to the planes of the faces: <= 0 inside. Planar elements
+    /// do not regard z.
     pub fn face_distance(self, p: CellPoint<3>) -> f64 {
         let x = p.0;
+        let triangle = || (x.x.abs() * H + x.y * 0.5).max(-x.y) - H / 3.0;
         match self {
             Self::Tet => {
                 let sums = [
@@ -143,7 +232,14 @@ impl Element {
                 ];
                 (sums.into_iter().fold(f64::NEG_INFINITY, f64::max) - 0.5) / 3f64.sqrt()
             }
-            _ => x.amax() - 0.5,
+            Self::Hex => x.amax() - 0.5,
+            Self::Quad => x.x.abs().max(x.y.abs()) - 0.5,
+            Self::Tri => triangle(),
+            Self::Wedge => triangle().max(x.z.abs() - 0.5),
+            Self::Pyramid => {
+                let across = x.x.abs().max(x.y.abs());
+                ((2.0 * across + 2f64.sqrt() * x.z - 1.0) / 6f64.sqrt()).max(-x.z)
+            }
         }
     }
 }
@@ -154,18 +250,46 @@ mod tests {
 
     #[test]
     fn faces_bound_the_vertices_and_agree_with_face_distance() {
-        for e in [Element::Tet, Element::Hex] {
+        for e in Element::ALL {
             let faces = e.faces();
-            for v in e.vertices() {
+            let mut points = e.vertices();
+            points.extend([Vec3::new(0.1, -0.3, 0.2), Vec3::new(-0.9, 0.4, 0.6)]);
+            for v in points {
                 let d = faces
                     .iter()
                     .map(|f| f.normal.dot(&v) - f.offset)
                     .fold(f64::MIN, f64::max);
-                assert!(d.abs() < 1e-15);
-                assert!((e.face_distance(CellPoint(v)) - d).abs() < 1e-15);
+                assert!((e.face_distance(CellPoint(v)) - d).abs() < 1e-15, "{e:?}");
             }
-            let centroid: Vec3 = e.vertices().iter().sum();
-            assert!(centroid.norm() < 1e-15);
+            for f in &faces {
+                assert!(e.face_vertices(f).len() >= e.dimension(), "{e:?} {f:?}");
+            }
+            assert!(e.face_distance(e.centroid()) < -0.1);
+        }
+    }
+
+    #[test]
+    fn edges_have_their_length_and_number() {
+        for (e, count) in Element::ALL.into_iter().zip([3, 4, 6, 12, 9, 8]) {
+            let v = e.vertices();
+            assert_eq!(e.edges().len(), count, "{e:?}");
+            for [i, j] in e.edges() {
+                assert!(((v[i] - v[j]).norm() - e.edge()).abs() < 1e-12, "{e:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn symmetries_keep_the_vertices() {
+        // The reflection that exchanges x and -x keeps all but the tet, whose are cyclic.
+        let mirror = Mat3::from_diagonal(&Vec3::new(-1.0, 1.0, 1.0));
+        let cycle = Mat3::new(0., 0., 1., 1., 0., 0., 0., 1., 0.);
+        for e in Element::ALL {
+            assert_eq!(e.is_kept_by(&mirror), e != Element::Tet);
+            assert_eq!(
+                e.is_kept_by(&cycle),
+                matches!(e, Element::Tet | Element::Hex)
+            );
         }
     }
 }

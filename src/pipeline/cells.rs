@@ -208,7 +208,8 @@ pub(super) fn facts(cell: &Cell) -> serde_json::Value {
         "level": cell.level(),
         "gamma": cell.gamma(),
         "volume_fraction": cell.volume_fraction(),
-        "coefficients": cell.series().coefficients().len(),
+        "group": cell.group(),
+        "coefficients": cell.form().coefficients(),
     });
     if let Some(report) = cell.report() {
         facts["fit"] = serde_json::to_value(report).unwrap_or_default();

@@ -85,22 +85,34 @@ pub enum Caps {
     Keep,
 }
 
-/// A reference element that a solid cell can live in.
+/// A reference element that a cell can live in.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
 #[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 #[serde(rename_all = "lowercase")]
 pub enum ElementName {
+    /// Equilateral triangle of edge 1.
+    Tri,
+    /// Unit square.
+    Quad,
     /// Regular tetrahedron of edge sqrt 2.
     Tet,
     /// Unit cube.
     Hex,
+    /// Prism of height 1 over the triangle.
+    Wedge,
+    /// Half an octahedron of edge 1.
+    Pyramid,
 }
 
 impl From<ElementName> for crate::frame::Element {
     fn from(name: ElementName) -> Self {
         match name {
+            ElementName::Tri => Self::Tri,
+            ElementName::Quad => Self::Quad,
             ElementName::Tet => Self::Tet,
             ElementName::Hex => Self::Hex,
+            ElementName::Wedge => Self::Wedge,
+            ElementName::Pyramid => Self::Pyramid,
         }
     }
 }

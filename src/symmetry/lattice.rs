@@ -2,19 +2,43 @@
 
 use super::{Frequency, SymmetryError};
 use nalgebra::{SMatrix, SVector};
+use std::f64::consts::{FRAC_1_SQRT_2, SQRT_2};
 
 /// sqrt(3)/2, the height of the equilateral triangle of edge 1.
 const H: f64 = 0.866_025_403_784_438_6;
 
 /// Name, dimension and vectors of the lattices that have a name; adding one is adding a row.
-const NAMED: [(&str, usize, [[f64; 3]; 3]); 5] = [
+const NAMED: [(&str, usize, [[f64; 3]; 3]); 7] = [
     ("square", 2, [[1., 0., 0.], [0., 1., 0.], [0., 0., 0.]]),
     ("hex2", 2, [[1., 0., 0.], [0.5, H, 0.], [0., 0., 0.]]),
     ("cubic", 3, [[1., 0., 0.], [0., 1., 0.], [0., 0., 1.]]),
     ("hexprism", 3, [[1., 0., 0.], [0.5, H, 0.], [0., 0., 1.]]),
     // Spanned by the edges of the reference tetrahedron: face-centred cubic of period 2.
     ("fcc2", 3, [[0., 1., 1.], [1., 0., 1.], [1., 1., 0.]]),
+    // Spanned by the edges of the reference pyramid: face-centred cubic, a cube's face on edge.
+    (
+        "fcc1",
+        3,
+        [[1., 0., 0.], [0., 1., 0.], [0.5, 0.5, FRAC_1_SQRT_2]],
+    ),
+    // The same square with twice the pyramid's height.
+    (
+        "tetragonal",
+        3,
+        [[1., 0., 0.], [0., 1., 0.], [0., 0., SQRT_2]],
+    ),
 ];
+
+/// Names of the lattices, in the order of the table.
+pub const LATTICE_NAMES: [&str; NAMED.len()] = {
+    let mut names = [""; NAMED.len()];
+    let mut i = 0;
+    while i < NAMED.len() {
+        names[i] = NAMED[i].0;
+        i += 1;
+    }
+    names
+};
 
 /// A lattice of periods: x = L u with the lattice vectors as columns of L.
 #[derive(Clone, Debug, PartialEq)]
@@ -44,7 +68,8 @@ impl<const D: usize> Lattice<D> {
         }
     }
 
-    /// The lattice of that name: `square`, `hex2` in the plane; `cubic`, `fcc2`, `hexprism`.
+    /// The lattice of that name ([`LATTICE_NAMES`]): `square`, `hex2` in the plane; `cubic`,
+    /// `hexprism`, `fcc2` (spanned by the tet's edges), `fcc1` (by the pyramid's), `tetragonal`.
     ///
     /// # Errors
     /// [`SymmetryError::UnknownLattice`].
@@ -128,12 +153,19 @@ impl<const D: usize> Lattice<D> {
         }
     }
 
-    /// The least whole period of the lattice along all Cartesian axes at once, if there is one
-    /// up to 4: 1 for `cubic`, 2 for `fcc2`, none for skew lattices.
-    pub fn cubic_period(&self) -> Option<f64> {
-        [1.0, 2.0, 3.0, 4.0]
-            .into_iter()
-            .find(|p| self.inverse.iter().all(|c| is_whole(c * p)))
+    /// The least period of the lattice along each Cartesian axis: (1, 1, 1) for `cubic`, (2, 2, 2)
+    /// for `fcc2`, (1, sqrt 3, 1) for `hexprism`, (1, 1, sqrt 2) for `fcc1`; none for lattices whose
+    /// period along an axis is longer than 12 vectors or infinite.
+    pub fn periods(&self) -> Option<[f64; D]> {
+        let mut periods = [0.0; D];
+        for (axis, period) in periods.iter_mut().enumerate() {
+            let steps = self.inverse.column(axis);
+            let largest = steps.iter().fold(0f64, |m, c| m.max(c.abs()));
+            *period = (1..=12)
+                .map(|n| f64::from(n) / largest)
+                .find(|p| steps.iter().all(|c| is_whole(c * p)))?;
+        }
+        Some(periods)
     }
 }
 

@@ -11,37 +11,94 @@ struct Row {
     /// The lattice in whose coordinates the generators are written.
     home: &'static str,
     generators: &'static [&'static str],
+    /// The part of frequency space that every orbit meets once, in Cartesian components of f.
+    domain: &'static str,
 }
 
-/// The groups that have a name; adding one is adding a row.
-const TABLE: [Row; 4] = [
+/// What is said of groups without a closed chamber.
+const NO_CHAMBER: &str =
+    "no closed half-space domain: the lexicographically greatest member of an orbit";
+
+const fn row(
+    dimension: usize,
+    name: &'static str,
+    home: &'static str,
+    generators: &'static [&'static str],
+    domain: &'static str,
+) -> Row {
     Row {
-        name: "D3",
-        dimension: 2,
-        home: "hex2",
-        generators: &["-x-y,x", "-x-y,y"],
-    },
-    Row {
-        name: "D4",
-        dimension: 2,
-        home: "square",
-        generators: &["-y,x", "x,-y"],
-    },
-    Row {
-        name: "Td",
-        dimension: 3,
-        home: "cubic",
-        generators: &["z,x,y", "y,x,z", "-x,-y,z"],
-    },
-    Row {
-        name: "Oh",
-        dimension: 3,
-        home: "cubic",
-        generators: &["z,x,y", "y,x,z", "-x,y,z"],
-    },
+        name,
+        dimension,
+        home,
+        generators,
+        domain,
+    }
+}
+
+/// The groups that have a name; adding one is adding a row. Axes: the principal one is z, but for
+/// the second C3v, that of a tet's vertex, whose is x = y = z.
+const TABLE: [Row; 15] = [
+    row(2, "D3", "hex2", &["-x-y,x", "-x-y,y"], "k1 >= k2 >= 0"),
+    row(2, "D4", "square", &["-y,x", "x,-y"], "fx >= fy >= 0"),
+    row(
+        3,
+        "Td",
+        "cubic",
+        &["z,x,y", "y,x,z", "-x,-y,z"],
+        "fx >= fy >= |fz|",
+    ),
+    row(
+        3,
+        "Oh",
+        "cubic",
+        &["z,x,y", "y,x,z", "-x,y,z"],
+        "fx >= fy >= fz >= 0",
+    ),
+    row(
+        3,
+        "D3h",
+        "hexprism",
+        &["-x-y,x,z", "-x-y,y,z", "x,y,-z"],
+        "k1 >= k2 >= 0, k3 >= 0",
+    ),
+    row(3, "C4v", "cubic", &["-y,x,z", "-x,y,z"], "fx >= fy >= 0"),
+    row(
+        3,
+        "D2h",
+        "cubic",
+        &["-x,y,z", "x,-y,z", "x,y,-z"],
+        "fx, fy, fz >= 0",
+    ),
+    row(
+        3,
+        "D4h",
+        "cubic",
+        &["-y,x,z", "-x,y,z", "x,y,-z"],
+        "fx >= fy >= 0, fz >= 0",
+    ),
+    row(3, "T", "cubic", &["z,x,y", "-x,-y,z"], NO_CHAMBER),
+    row(
+        3,
+        "Th",
+        "cubic",
+        &["z,x,y", "-x,-y,z", "-x,-y,-z"],
+        NO_CHAMBER,
+    ),
+    row(3, "O", "cubic", &["z,x,y", "-y,x,z"], NO_CHAMBER),
+    row(
+        3,
+        "C3v",
+        "hexprism",
+        &["-x-y,x,z", "-x-y,y,z"],
+        "k1 >= k2 >= 0",
+    ),
+    row(3, "C3v", "cubic", &["z,x,y", "y,x,z"], "fx >= fy >= fz"),
+    row(2, "C1", "square", &[], "all f"),
+    row(3, "C1", "cubic", &[], "all f"),
 ];
 
-/// Names of the groups, in the order of the table.
+/// Names of the groups, in the order of the table; a name may stand for one group in the plane and
+/// another in space.
 pub const GROUP_NAMES: [&str; TABLE.len()] = {
     let mut names = [""; TABLE.len()];
     let mut i = 0;
@@ -51,6 +108,11 @@ pub const GROUP_NAMES: [&str; TABLE.len()] = {
     }
     names
 };
+
+/// The rows of one dimension.
+fn rows<const D: usize>() -> impl Iterator<Item = &'static Row> {
+    TABLE.iter().filter(|r| r.dimension == D)
+}
 
 /// Greatest order of a finite group of integer matrices, by dimension.
 const GREATEST_ORDER: [usize; 4] = [1, 2, 12, 48];
@@ -110,28 +172,74 @@ impl<const D: usize> PointGroup<D> {
     /// The group of that name ([`GROUP_NAMES`]) in the coordinates of `lattice`.
     ///
     /// # Errors
-    /// [`SymmetryError::UnknownGroup`], or [`SymmetryError::Unfitting`] if the lattice lacks the
-    /// symmetry.
+    /// [`SymmetryError::NoLattice`] for an icosahedral group, [`SymmetryError::UnknownGroup`], or
+    /// [`SymmetryError::Unfitting`] if the lattice lacks the symmetry.
     pub fn named(name: &str, lattice: &Lattice<D>) -> Result<Self, SymmetryError> {
-        let Some(row) = TABLE.iter().find(|r| r.name == name && r.dimension == D) else {
-            let known: Vec<&str> = TABLE
-                .iter()
-                .filter(|r| r.dimension == D)
-                .map(|r| r.name)
-                .collect();
-            return Err(SymmetryError::UnknownGroup {
+        if D == 3 && matches!(name, "Ih" | "I") {
+            return Err(SymmetryError::NoLattice {
+                group: name.to_owned(),
+            });
+        }
+        let mut unfitting = None;
+        for row in rows::<D>().filter(|r| r.name == name) {
+            match Self::of_row(row, lattice) {
+                Err(e @ SymmetryError::Unfitting { .. }) => unfitting = unfitting.or(Some(e)),
+                other => return other,
+            }
+        }
+        Err(unfitting.unwrap_or_else(|| {
+            let mut known: Vec<&str> = rows::<D>().map(|r| r.name).collect();
+            known.dedup();
+            SymmetryError::UnknownGroup {
                 name: name.to_owned(),
                 dimension: D,
                 known: known.join(", "),
-            });
-        };
+            }
+        }))
+    }
+
+    fn of_row(row: &Row, lattice: &Lattice<D>) -> Result<Self, SymmetryError> {
         let generators = row
             .generators
             .iter()
             .map(|g| g.parse())
             .collect::<Result<Vec<_>, _>>()?;
-        let home = Lattice::named(row.home)?;
-        Self::generated(name, &generators)?.on_lattice(&home, lattice)
+        let group = Self::generated(row.name, &generators)?;
+        if row.generators.is_empty() {
+            return Ok(group);
+        }
+        group.on_lattice(&Lattice::named(row.home)?, lattice)
+    }
+
+    /// Whether this is the group that the library knows by its name.
+    pub fn is_named(&self, lattice: &Lattice<D>) -> bool {
+        Self::named(&self.name, lattice).is_ok_and(|known| known == *self)
+    }
+
+    /// A part of frequency space that every orbit meets, in words: Cartesian components f, or
+    /// indices k on the hexagonal lattices.
+    pub fn frequency_domain(&self, lattice: &Lattice<D>) -> &'static str {
+        rows::<D>()
+            .filter(|r| r.name == self.name)
+            .find(|r| Self::of_row(r, lattice).is_ok_and(|known| known == *self))
+            .map_or(NO_CHAMBER, |r| r.domain)
+    }
+
+    /// A few operators whose products are the whole group, in the order of [`PointGroup::operators`].
+    pub fn generators(&self) -> Vec<Operator<D>> {
+        let mut chosen: Vec<Operator<D>> = Vec::new();
+        let mut reached = BTreeSet::from([Operator::identity()]);
+        for &op in &self.operators {
+            if reached.contains(&op) {
+                continue;
+            }
+            chosen.push(op);
+            // Every product lies in this finite group, so that its closure cannot fail.
+            if let Ok(closure) = Self::generated("", &chosen) {
+                reached = closure.operators.into_iter().collect();
+            }
+        }
+        chosen
     }
 
     /// The same Cartesian operators in the coordinates of another lattice.

@@ -9,6 +9,10 @@ use crate::frame::{CellPoint, Element};
 pub trait CellField: Field<Point = CellPoint<3>> {
     /// The element it fills.
     fn element(&self) -> Element;
+    /// Whether the cell is the same whatever the numbering of an element's nodes.
+    fn fits_any_numbering(&self) -> bool {
+        true
+    }
     /// Bound of the gradient's length over the element, per unit of reference length.
     fn gradient_sup(&self) -> f64;
     /// The gradient's root mean square on the surface inside the element (gamma).
@@ -18,6 +22,9 @@ pub trait CellField: Field<Point = CellPoint<3>> {
 impl CellField for Table {
     fn element(&self) -> Element {
         Self::element(self)
+    }
+    fn fits_any_numbering(&self) -> bool {
+        Self::fits_any_numbering(self)
     }
     fn gradient_sup(&self) -> f64 {
         Self::gradient_sup(self)

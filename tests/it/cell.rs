@@ -174,6 +174,60 @@ fn gamma_is_the_root_mean_square_over_the_surface() {
 }
 
 #[test]
+fn every_pairing_fits_and_knows_whether_numbering_matters() {
+    let numbers: Vec<_> = (0..12)
+        .map(|n| (f64::from(n).sin(), f64::from(n).cos()))
+        .collect();
+    for pairing in pairings() {
+        let cell = random_cell(pairing, 2.5, &numbers, Solid::Below, 0.0);
+        let (element, group, _) = pairing;
+        assert_eq!(cell.group(), group);
+        let whole = group == druse::cell::default_group(element);
+        assert_eq!(cell.fits_any_numbering(), whole, "{pairing:?}");
+        assert_eq!(cell.operators().len() == element.symmetry_order(), whole);
+        // The domain's flags and their images are the element.
+        let (fraction, share) = (cell.volume_fraction(), grid_share(&cell));
+        assert!(
+            (fraction - share).abs() < 0.025,
+            "{pairing:?}: {fraction} {share}"
+        );
+    }
+}
+
+/// Share of the element's points on a coarse grid that are solid.
+fn grid_share(cell: &Cell) -> f64 {
+    let (mut inside, mut solid) = (0, 0);
+    let n = 44;
+    let place = |i: i32| (f64::from(i) + 0.5) / f64::from(n) - 0.5;
+    for i in 0..n {
+        for j in 0..n {
+            for k in 0..n {
+                // The pyramid reaches up to 0.71, the triangle to 0.58.
+                let p = at(place(i), 1.2 * place(j), 1.25 * place(k) + 0.125);
+                if cell.element().face_distance(p) <= 0.0 {
+                    inside += 1;
+                    solid += i32::from(cell.value(p) < 0.0);
+                }
+            }
+        }
+    }
+    f64::from(solid) / f64::from(inside)
+}
+
+#[test]
+fn planar_cells_do_not_depend_on_height() {
+    let (group, lattice) = druse::cell::symmetry::<2>(Element::Quad, None, None).unwrap();
+    let series = Series::new(group, lattice, &[([1, 0], [0.5, 0.0])]).unwrap();
+    let cell = Cell::new("cosines", Element::Quad, series).unwrap();
+    // cos X + cos Y < 0 fills half of the square; its gradient at x = y = 1/4 is -2 pi in both.
+    let (v, g) = cell.value_and_gradient(at(0.25, 0.25, 7.0));
+    assert!(v.abs() < 1e-12 && (g - Vec3::new(-TAU, -TAU, 0.0)).norm() < 1e-12);
+    assert!((cell.volume_fraction() - 0.5).abs() < 1e-6);
+    // On the lines |x| + |y| = 1/2 the squared gradient is 8 pi^2 sin^2 X, half of it on average.
+    assert!((cell.gamma() - TAU).abs() < 1e-2 * TAU, "{}", cell.gamma());
+}
+
+#[test]
 fn wrong_cells_are_refused() {
     let (group, lattice) = Cell::symmetry(Element::Tet, None).unwrap();
     let series =
@@ -198,9 +252,29 @@ fn wrong_cells_are_refused() {
     let fine = series(&[([1, 0, 0], [1.0, 0.5])]).unwrap();
     assert!(matches!(
         Cell::new("x", Element::Hex, fine),
-        Err(CellError::Unfitting { what: "group", .. })
+        Err(CellError::Unfitting {
+            what: "lattice",
+            ..
+        })
     ));
     assert!(Cell::symmetry(Element::Hex, Some("fcc2")).is_err());
+    for (element, group, what) in [
+        (Element::Tet, "Oh", "group"),
+        (Element::Pyramid, "D4h", "group"),
+        (Element::Quad, "D4", "dimension"),
+    ] {
+        let lattice = (element == Element::Tet).then_some("cubic");
+        let lattice = lattice.or((element == Element::Pyramid).then_some("tetragonal"));
+        match druse::cell::symmetry::<3>(element, Some(group), lattice) {
+            Err(CellError::Unfitting { what: found, .. }) => assert_eq!(found, what),
+            other => panic!("{element:?} {group}: {other:?}"),
+        }
+    }
+    let icosahedral = druse::cell::symmetry::<3>(Element::Hex, Some("Ih"), None).unwrap_err();
+    assert!(
+        icosahedral.to_string().contains("no lattice"),
+        "{icosahedral}"
+    );
     let p = Surface::SchwarzP.cell(Element::Hex).unwrap();
     assert!(p.clone().with_solid(Solid::Sheet, -0.1).is_err());
     assert!(p.clone().with_solid(Solid::Below, f64::NAN).is_err());
@@ -213,39 +287,88 @@ fn wrong_cells_are_refused() {
     assert!(p.check_surface().is_ok());
 }
 
-/// A random cell: element, lattice and up to `terms` random coefficients of a small band.
-fn any_cell() -> impl Strategy<Value = Cell> {
-    let kind = prop::sample::select(vec![
-        (Element::Tet, "fcc2", 2.5),
-        (Element::Tet, "cubic", 3.0),
-        (Element::Hex, "cubic", 3.5),
-    ]);
+/// Element, group and lattice of every pairing the library names.
+fn pairings() -> Vec<(Element, &'static str, &'static str)> {
+    let mut all = Vec::new();
+    for element in Element::ALL {
+        for &lattice in druse::cell::lattices(element) {
+            for &group in druse::cell::groups(element) {
+                all.push((element, group, lattice));
+            }
+        }
+    }
+    all
+}
+
+/// A random series: up to `numbers.len()` random coefficients of a small band.
+fn random_series<const D: usize>(
+    (element, group, lattice): (Element, &str, &str),
+    radius: f64,
+    numbers: &[(f64, f64)],
+) -> Series<D> {
+    let (group, lattice) = druse::cell::symmetry::<D>(element, Some(group), Some(lattice)).unwrap();
+    let basis = druse::symmetry::Basis::new(group.clone(), lattice.clone(), radius);
+    let terms: Vec<_> = basis
+        .harmonics()
+        .iter()
+        .zip(numbers)
+        .map(|(h, (re, im))| {
+            let s = h.scale / (1.0 + h.frequency);
+            let im = if h.self_paired { 0.0 } else { *im };
+            (h.orbit.representative(), [re * s, im * s])
+        })
+        .collect();
+    Series::new(group, lattice, &terms).unwrap()
+}
+
+fn random_cell(
+    pairing: (Element, &str, &str),
+    radius: f64,
+    numbers: &[(f64, f64)],
+    solid: Solid,
+    level: f64,
+) -> Cell {
+    let element = pairing.0;
+    let cell = if element.dimension() == 2 {
+        Cell::new(
+            "random",
+            element,
+            random_series::<2>(pairing, radius, numbers),
+        )
+    } else {
+        Cell::new(
+            "random",
+            element,
+            random_series::<3>(pairing, radius, numbers),
+        )
+    };
+    cell.unwrap().with_solid(solid, level).unwrap()
+}
+
+/// A random cell of one of the pairings.
+fn cell_of(pairings: Vec<(Element, &'static str, &'static str)>) -> impl Strategy<Value = Cell> {
     let solid = prop::sample::select(Solid::ALL.to_vec());
     (
-        kind,
+        prop::sample::select(pairings),
+        2.0f64..3.2,
         prop::collection::vec((-1.0f64..1.0, -1.0f64..1.0), 24),
         solid,
         0.05f64..0.5,
     )
-        .prop_map(|((element, lattice, radius), numbers, solid, level)| {
-            let (group, lattice) = Cell::symmetry(element, Some(lattice)).unwrap();
-            let basis = druse::symmetry::Basis::new(group.clone(), lattice.clone(), radius);
-            let terms: Vec<_> = basis
-                .harmonics()
-                .iter()
-                .zip(numbers)
-                .map(|(h, (re, im))| {
-                    let s = h.scale / (1.0 + h.frequency);
-                    let im = if h.self_paired { 0.0 } else { im };
-                    (h.orbit.representative(), [re * s, im * s])
-                })
-                .collect();
-            let series = Series::new(group, lattice, &terms).unwrap();
-            Cell::new("random", element, series)
-                .unwrap()
-                .with_solid(solid, level)
-                .unwrap()
+        .prop_map(|(pairing, radius, numbers, solid, level)| {
+            random_cell(pairing, radius, &numbers, solid, level)
         })
+}
+
+/// A random cell of any element, group and lattice.
+fn any_cell() -> impl Strategy<Value = Cell> {
+    cell_of(pairings())
+}
+
+/// A random cell on a lattice with a cubic period.
+fn cubic_cell() -> impl Strategy<Value = Cell> {
+    let cubic = |p: &(Element, &str, &str)| matches!(p.2, "cubic" | "fcc2");
+    cell_of(pairings().into_iter().filter(cubic).collect())
 }
 
 fn any_point() -> impl Strategy<Value = CellPoint<3>> {
@@ -279,7 +402,7 @@ proptest! {
     #[test]
     fn value_is_invariant_under_every_operator(cell in any_cell(), p in any_point()) {
         let v = cell.value(p);
-        for q in cell.series().group().cartesian(cell.series().lattice()) {
+        for q in cell.operators() {
             prop_assert!((cell.value(CellPoint(q * p.0)) - v).abs() < 1e-11);
         }
     }
@@ -289,7 +412,7 @@ proptest! {
         const STEP: f64 = 1e-6;
         let (v, g) = cell.value_and_gradient(p);
         prop_assert!((v - cell.value(p)).abs() < 1e-12);
-        prop_assume!(cell.series().value(p).abs() > 1e-3);
+        prop_assume!(cell.form().value(p).abs() > 1e-3);
         let difference = Vec3::from_fn(|a, _| {
             let e = Vec3::ith(a, STEP);
             (cell.value(CellPoint(p.0 + e)) - cell.value(CellPoint(p.0 - e))) / (2.0 * STEP)

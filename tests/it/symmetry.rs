@@ -1,30 +1,14 @@
 //! Laws of `symmetry`, and the tables of groups and orbits.
 
-use druse::symmetry::{Basis, Lattice, Operator, PointGroup, SymmetryError};
+use druse::cell::Series;
+use druse::field::Field;
+use druse::frame::CellPoint;
+use druse::symmetry::{
+    Basis, GROUP_NAMES, GroupText, LATTICE_NAMES, Lattice, Operator, PointGroup, SymmetryError,
+};
 use proptest::prelude::*;
 use serde_json::Value;
-
-/// The generators of groups that the library does not name, in Cartesian or prism coordinates.
-const OTHERS: [(&str, &[&str]); 9] = [
-    ("O", &["z,x,y", "-y,x,z"]),
-    ("T", &["z,x,y", "-x,-y,z"]),
-    ("Th", &["z,x,y", "-x,-y,z", "-x,-y,-z"]),
-    ("D2h", &["-x,y,z", "x,-y,z", "x,y,-z"]),
-    ("D4h", &["-y,x,z", "-x,y,z", "x,y,-z"]),
-    ("C4v", &["-y,x,z", "-x,y,z"]),
-    ("D3h", &["-x-y,x,z", "-x-y,y,z", "x,y,-z"]),
-    ("C3v", &["-x-y,x,z", "-x-y,y,z"]),
-    ("Oh", &["z,x,y", "y,x,z", "-x,y,z"]),
-];
-
-fn group<const D: usize>(name: &str, lattice: &Lattice<D>) -> PointGroup<D> {
-    if let Ok(known) = PointGroup::named(name, lattice) {
-        return known;
-    }
-    let generators = OTHERS.iter().find(|o| o.0 == name).unwrap().1;
-    let generators: Vec<Operator<D>> = generators.iter().map(|g| g.parse().unwrap()).collect();
-    PointGroup::generated(name, &generators).unwrap()
-}
+use std::collections::BTreeSet;
 
 fn ints<const D: usize>(v: &Value) -> [i32; D] {
     std::array::from_fn(|i| v[i].as_i64().unwrap() as i32)
@@ -34,7 +18,7 @@ fn check_case<const D: usize>(case: &Value) {
     let id = case["id"].as_str().unwrap();
     let (name, lattice) = id.split_once('-').unwrap();
     let lattice = Lattice::<D>::named(lattice).unwrap();
-    let group = group(name, &lattice);
+    let group = PointGroup::named(name, &lattice).unwrap();
     assert_eq!(
         group.order() as i64,
         case["order"].as_i64().unwrap(),
@@ -135,43 +119,213 @@ fn groups_and_orbits_are_those_of_the_tables() {
 
 #[test]
 fn frequency_domains_of_the_reflection_groups_are_their_chambers() {
-    // Td: f_x >= f_y >= |f_z| on h = 2f; Oh: f_x >= f_y >= f_z >= 0: each orbit meets them once.
-    let cubic = Lattice::<3>::named("cubic").unwrap();
-    let chamber = |name: &str, inside: fn([i32; 3]) -> bool| {
-        let group = PointGroup::named(name, &cubic).unwrap();
-        for orbit in group.orbits(&cubic, 6.0) {
+    // Every orbit meets the chamber exactly once.
+    type Chamber = fn([i32; 3]) -> bool;
+    let chambers: [(&str, &str, Chamber); 9] = [
+        ("Td", "cubic", |[x, y, z]| x >= y && y >= z.abs()),
+        ("Oh", "cubic", |[x, y, z]| x >= y && y >= z && z >= 0),
+        ("D2h", "cubic", |[x, y, z]| x >= 0 && y >= 0 && z >= 0),
+        ("D4h", "cubic", |[x, y, z]| x >= y && y >= 0 && z >= 0),
+        ("C4v", "cubic", |[x, y, _]| x >= y && y >= 0),
+        ("C3v", "cubic", |[x, y, z]| x >= y && y >= z),
+        ("D3h", "hexprism", |[x, y, z]| x >= y && y >= 0 && z >= 0),
+        ("C3v", "hexprism", |[x, y, _]| x >= y && y >= 0),
+        ("C1", "cubic", |_| true),
+    ];
+    for (name, lattice, inside) in chambers {
+        let lattice = Lattice::<3>::named(lattice).unwrap();
+        let group = PointGroup::named(name, &lattice).unwrap();
+        assert_ne!(group.frequency_domain(&lattice), "");
+        for orbit in group.orbits(&lattice, 4.0) {
             let met = orbit.members.iter().filter(|k| inside(**k)).count();
             assert_eq!(met, 1, "{name} {:?}", orbit.representative());
         }
-    };
-    chamber("Td", |[x, y, z]| x >= y && y >= z.abs());
-    chamber("Oh", |[x, y, z]| x >= y && y >= z && z >= 0);
-    let square = Lattice::<2>::named("square").unwrap();
-    for orbit in PointGroup::named("D4", &square)
-        .unwrap()
-        .orbits(&square, 9.0)
-    {
-        let met = orbit
-            .members
+    }
+    for (name, lattice) in [("D4", "square"), ("D3", "hex2")] {
+        let lattice = Lattice::<2>::named(lattice).unwrap();
+        let group = PointGroup::named(name, &lattice).unwrap();
+        for orbit in group.orbits(&lattice, 9.0) {
+            let met = orbit.members.iter().filter(|[x, y]| x >= y && *y >= 0);
+            assert_eq!(met.count(), 1, "{name}");
+        }
+    }
+}
+
+/// Groups with the lattice in whose coordinates their operators are.
+type Groups<const D: usize> = Vec<(PointGroup<D>, Lattice<D>)>;
+
+/// Every named group on every named lattice that has it, in space and in the plane.
+fn every_group() -> (Groups<3>, Groups<2>) {
+    fn of<const D: usize>() -> Groups<D> {
+        let mut names = GROUP_NAMES.to_vec();
+        names.sort_unstable();
+        names.dedup();
+        let lattices = LATTICE_NAMES
             .iter()
-            .filter(|[x, y]| x >= y && *y >= 0)
-            .count();
-        assert_eq!(met, 1);
+            .filter_map(|l| Lattice::<D>::named(l).ok());
+        lattices
+            .flat_map(|l| {
+                let group = |n: &&str| PointGroup::named(n, &l).ok().map(|g| (g, l.clone()));
+                names.iter().filter_map(group).collect::<Vec<_>>()
+            })
+            .collect()
+    }
+    (of::<3>(), of::<2>())
+}
+
+fn group_laws<const D: usize>(group: &PointGroup<D>, lattice: &Lattice<D>) {
+    let operators = group.operators();
+    assert!(operators.contains(&Operator::identity()));
+    for a in operators {
+        assert_eq!(a.determinant().abs(), 1);
+        let row: BTreeSet<Operator<D>> = operators.iter().map(|b| *a * *b).collect();
+        let all: BTreeSet<Operator<D>> = operators.iter().copied().collect();
+        // Closed, and multiplication by an element is one to one: there are inverses.
+        assert_eq!(row, all, "{}", group.name());
+    }
+    for q in group.cartesian(lattice) {
+        let miss = q.transpose() * q - nalgebra::SMatrix::<f64, D, D>::identity();
+        assert!(miss.iter().all(|c| c.abs() < 1e-12), "{}", group.name());
+    }
+    let again = PointGroup::generated(group.name(), &group.generators()).unwrap();
+    assert_eq!(again, *group);
+    assert!(group.is_named(lattice));
+}
+
+#[test]
+fn groups_are_groups_of_orthogonal_operators() {
+    let (space, plane) = every_group();
+    assert!(
+        space.len() >= 30 && plane.len() >= 4,
+        "{} {}",
+        space.len(),
+        plane.len()
+    );
+    for (group, lattice) in &space {
+        group_laws(group, lattice);
+    }
+    for (group, lattice) in &plane {
+        group_laws(group, lattice);
+    }
+}
+
+/// Values of a function on the grid u = j / n of one period.
+fn grid<const D: usize>(series: &Series<D>, n: usize) -> Vec<f64> {
+    (0..n.pow(D as u32))
+        .map(|m| {
+            let u = nalgebra::SVector::<f64, D>::from_fn(|a, _| {
+                (m / n.pow(a as u32) % n) as f64 / n as f64
+            });
+            series.value(CellPoint(series.lattice().columns() * u))
+        })
+        .collect()
+}
+
+fn basis_laws<const D: usize>(group: &PointGroup<D>, lattice: &Lattice<D>) {
+    const RADIUS: f64 = 1.5;
+    let basis = Basis::new(group.clone(), lattice.clone(), RADIUS);
+    let largest = lattice.band(RADIUS).into_iter().flatten().max().unwrap();
+    // Products of two functions of the band are integrated exactly.
+    let n = 2 * largest as usize + 1;
+    let function = |real: &[f64]| {
+        Series::new(group.clone(), lattice.clone(), &basis.coefficients(real)).unwrap()
+    };
+    let unit = |i: usize| -> Vec<f64> {
+        (0..basis.len())
+            .map(|j| f64::from(u8::from(i == j)))
+            .collect()
+    };
+    let values: Vec<Vec<f64>> = (0..basis.len())
+        .map(|i| grid(&function(&unit(i)), n))
+        .collect();
+    let product = |a: &[f64], b: &[f64]| -> f64 {
+        let sum: f64 = a.iter().zip(b).map(|(x, y)| x * y).sum();
+        sum * lattice.volume() / a.len() as f64
+    };
+    for i in 0..basis.len() {
+        for j in 0..=i {
+            let expected = f64::from(u8::from(i == j));
+            let found = product(&values[i], &values[j]);
+            assert!(
+                (found - expected).abs() < 1e-12,
+                "{} {i} {j}: {found}",
+                group.name()
+            );
+        }
+    }
+    // Parseval, invariance and reality of a sum of all of them.
+    let real: Vec<f64> = (0..basis.len())
+        .map(|i| (i as f64 * 1.7).sin() + 0.3)
+        .collect();
+    let sum = function(&real);
+    let energy: f64 = real.iter().map(|a| a * a).sum();
+    let samples = grid(&sum, n);
+    assert!((product(&samples, &samples) - energy).abs() < 1e-11 * energy);
+    let x = nalgebra::SVector::<f64, D>::from_fn(|a, _| 0.13 + 0.29 * a as f64);
+    let v = sum.value(CellPoint(x));
+    for q in group.cartesian(lattice) {
+        assert!((sum.value(CellPoint(q * x)) - v).abs() < 1e-12);
+    }
+    let exponentials: std::collections::BTreeMap<_, _> =
+        sum.exponentials().iter().copied().collect();
+    for (k, [re, im]) in &exponentials {
+        assert_eq!(exponentials[&k.map(|c| -c)], [*re, -im]);
     }
 }
 
 #[test]
-fn products_of_operators_stay_in_the_group() {
-    let fcc = Lattice::<3>::named("fcc2").unwrap();
-    for name in ["Td", "Oh"] {
-        let group = PointGroup::named(name, &fcc).unwrap();
-        for a in group.operators() {
-            for b in group.operators() {
-                assert!(group.operators().contains(&(*a * *b)));
-            }
-        }
-        assert!(group.operators().contains(&Operator::identity()));
+fn bases_are_orthonormal_invariant_and_real() {
+    let (space, plane) = every_group();
+    for (group, lattice) in &space {
+        basis_laws(group, lattice);
     }
+    for (group, lattice) in &plane {
+        basis_laws(group, lattice);
+    }
+}
+
+#[test]
+fn groups_are_read_from_text() {
+    let text = GroupText::parse(
+        "# a turned brick\nname D2\n lattice cubic \n-x,-y,z # about z\n\nx,-y,-z\n",
+    )
+    .unwrap();
+    let (group, lattice) = text.group::<3>("file", "fcc2").unwrap();
+    assert_eq!(
+        (group.name(), group.order(), lattice.name()),
+        ("D2", 4, Some("cubic"))
+    );
+    assert!(!group.is_named(&lattice));
+    let plain = GroupText::parse("-y,x").unwrap();
+    assert_eq!(plain.group::<2>("turn", "square").unwrap().0.name(), "turn");
+    assert!(
+        plain
+            .group::<3>("turn", "cubic")
+            .unwrap_err()
+            .reason
+            .contains("expected 3")
+    );
+    let wrong = |text: &str| match GroupText::parse(text) {
+        Ok(t) => t.group::<3>("x", "cubic").unwrap_err(),
+        Err(e) => e,
+    };
+    for (text, line, words) in [
+        ("", 1, "no generator"),
+        ("x,y,z\nx+y,y,z", 2, "infinite"),
+        ("x,y,z\n\n2x,y,z", 3, "determinant 2"),
+        ("x,y,z\nx,y", 2, "expected 3"),
+        ("x,y,w", 1, "unexpected 'w'"),
+        ("lattice fcc2\nlattice cubic\nx,y,z", 2, "twice"),
+        ("lattice\nx,y,z", 1, "one word"),
+        ("spam", 1, "expected an operator"),
+        ("lattice hexprism\ny,x,z\n-y,x,z", 2, "changes lengths"),
+        ("lattice diamond\nx,y,z", 2, "unknown lattice"),
+    ] {
+        let e = wrong(text);
+        assert!(e.line == line && e.reason.contains(words), "{text:?}: {e}");
+    }
+    // Each finite alone, together not.
+    assert!(wrong("-y,x,z\n-x-y,x,z").reason.contains("infinite"));
 }
 
 #[test]
@@ -198,8 +352,10 @@ fn generators_of_no_finite_group_are_refused() {
         Err(SymmetryError::Unfitting { .. })
     ));
     let cubic = Lattice::<3>::named("cubic").unwrap();
-    let unknown = PointGroup::named("Ih", &cubic).unwrap_err().to_string();
+    let unknown = PointGroup::named("D5", &cubic).unwrap_err().to_string();
     assert!(unknown.contains("Td, Oh"), "{unknown}");
+    let icosahedral = PointGroup::named("Ih", &cubic).unwrap_err().to_string();
+    assert!(icosahedral.contains("no lattice"), "{icosahedral}");
     assert!(matches!(
         Lattice::new([[1., 0., 0.], [0., 1., 0.], [1., 1., 0.]]),
         Err(SymmetryError::Flat { .. })

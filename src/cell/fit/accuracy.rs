@@ -71,7 +71,7 @@ pub(super) fn measure(
     stop()?;
     let mut report = FitReport {
         method: "lsq".to_owned(),
-        lattice: cell.series().lattice().name().unwrap_or("").to_owned(),
+        lattice: cell.form().lattice_name().unwrap_or("").to_owned(),
         band_limit: options.band_limit,
         regularisation: options.regularisation,
         rms,
@@ -103,14 +103,15 @@ fn gradients(cell: &Cell) -> (f64, f64) {
     let largest = |points: Vec<CellPoint<3>>| {
         points
             .into_par_iter()
-            .map(|p| cell.series().value_and_gradient(p).1.norm())
+            .map(|p| cell.form().value_and_gradient(p).1.norm())
             .reduce(|| 0.0, f64::max)
     };
     let corners = flag(cell.element());
     let grid = SimplexGrid::new(20).coordinates();
     let inside = largest(grid.into_iter().map(|c| point(&corners, c)).collect());
     // The part of the period with x >= y >= |z|: every other is an image of it.
-    let period = cell.series().lattice().cubic_period().unwrap_or(1.0);
+    let periods = cell.series().and_then(|s| s.lattice().periods());
+    let period = periods.map_or(1.0, |p| p[0]);
     let half = (period * 12.0) as i32;
     let mut outside = Vec::new();
     for i in 0..=half {

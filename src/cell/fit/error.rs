@@ -43,6 +43,12 @@ pub enum FitError {
         /// Where the source stands, if that is known.
         hint: String,
     },
+    /// An element without a fit.
+    #[error("a {element} cannot be fitted; expected a tet or a hex")]
+    Element {
+        /// The element.
+        element: &'static str,
+    },
     /// Nothing of the surface is symmetric.
     #[error(
         "the source has no part with the symmetry {group}: {kept:e} of its energy survives the \

@@ -9,6 +9,7 @@ use super::Components;
 use super::sampling::Target;
 use crate::cell::Cell;
 use crate::field::Field;
+use crate::frame::Mat3;
 use rayon::prelude::*;
 
 /// Parts per edge of the simplex: features thinner than a fortieth of the element are not seen.
@@ -53,25 +54,23 @@ impl Sets {
 
 /// For each flag of the element the flags across its three inner facets.
 fn neighbours(cell: &Cell) -> Vec<[usize; 3]> {
-    let (group, lattice) = (cell.series().group(), cell.series().lattice());
     let corners = flag(cell.element());
-    let cartesian = group.cartesian(lattice);
-    let operators = group.operators();
+    let operators = cell.operators();
     // Facet i is spanned by the corners but i; the reflection in it keeps them.
     let reflections = [1, 2, 3].map(|facet| {
         let keeps = |n: &usize| {
             (1..4)
-                .all(|c| ((cartesian[*n] * corners[c] - corners[c]).norm() < 1e-9) == (c != facet))
+                .all(|c| ((operators[*n] * corners[c] - corners[c]).norm() < 1e-9) == (c != facet))
         };
         (0..operators.len()).find(keeps)
     });
-    let place = |op| operators.iter().position(|o| *o == op);
+    let place = |op: Mat3| operators.iter().position(|o| (o - op).norm() < 1e-9);
     operators
         .iter()
         .enumerate()
         .map(|(n, g)| {
             // A facet without a reflection has no neighbour: its flag stands for itself.
-            reflections.map(|r| r.and_then(|r| place(*g * operators[r])).unwrap_or(n))
+            reflections.map(|r| r.and_then(|r| place(g * operators[r])).unwrap_or(n))
         })
         .collect()
 }

@@ -91,6 +91,12 @@ impl Placement {
 fn from_vertices(element: Element, vertices: &[Vec3]) -> Result<Affine, FitError> {
     let fail = |text: String| Err(FitError::Placement(text));
     let own = element.vertices();
+    if element.dimension() == 2 {
+        return fail(format!(
+            "the vertices of a {} span no volume; give scale, rotate and translate",
+            element.name()
+        ));
+    }
     if vertices.len() != own.len() {
         return fail(format!(
             "{} vertices for a {}; expected {}",
@@ -101,7 +107,7 @@ fn from_vertices(element: Element, vertices: &[Vec3]) -> Result<Affine, FitError
     }
     // Vertex 0 and the ends of three edges that leave it.
     let edges: [usize; 3] = match element {
-        Element::Hex => [1, 3, 4],
+        Element::Hex | Element::Pyramid => [1, 3, 4],
         _ => [1, 2, 3],
     };
     let frame = |v: &[Vec3]| Mat3::from_columns(&edges.map(|e| v[e] - v[0]));
@@ -125,8 +131,8 @@ fn from_vertices(element: Element, vertices: &[Vec3]) -> Result<Affine, FitError
         let miss = (map.linear * v + map.offset - o).norm();
         if miss.is_nan() || miss > 1e-6 {
             return fail(format!(
-                "vertex {i} is off by {miss:e} reference units from the parallelepiped that vertices \
-                 0, 1, 3 and 4 span"
+                "vertex {i} is off by {miss:e} reference units from where vertices 0, {}, {} and {} put it",
+                edges[0], edges[1], edges[2]
             ));
         }
     }

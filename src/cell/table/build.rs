@@ -1,6 +1,6 @@
 //! Coefficients of a table from the spectrum of a series, and the error it makes.
 
-use super::super::{Cell, CellError};
+use super::super::{Cell, CellError, Series};
 use crate::symmetry::{Frequency, Lattice};
 use rayon::prelude::*;
 use rustfft::{FftPlanner, num_complex::Complex64};
@@ -9,9 +9,18 @@ use std::f64::consts::{PI, TAU};
 /// Indices beyond this on the cubic period have no table.
 const GREATEST_INDEX: i32 = 127;
 
-/// Length of the cubic period; every lattice that a solid element has owns one.
-fn period(lattice: &Lattice<3>) -> f64 {
-    lattice.cubic_period().unwrap_or(1.0)
+/// The series of a cell and its cubic period.
+fn cubic(cell: &Cell) -> Result<(&Series<3>, f64), CellError> {
+    let no_table = |reason: &str| CellError::NoTable {
+        reason: reason.to_owned(),
+    };
+    let series = cell
+        .series()
+        .ok_or_else(|| no_table("its function is not one series in space"))?;
+    match series.lattice().periods() {
+        Some([x, y, z]) if x == y && y == z => Ok((series, x)),
+        _ => Err(no_table("its lattice has no cubic period")),
+    }
 }
 
 /// The index of a wave on the cubic period: h = P f.
@@ -21,19 +30,19 @@ fn cubic_index(lattice: &Lattice<3>, period: f64, k: Frequency<3>) -> [i32; 3] {
 }
 
 /// The exponentials of a cell on its cubic period, without the zero ones.
-fn spectrum(cell: &Cell) -> impl Iterator<Item = ([i32; 3], [f64; 2])> {
-    let lattice = cell.series().lattice();
-    let period = period(lattice);
-    cell.series()
+fn spectrum(cell: &Cell) -> Result<impl Iterator<Item = ([i32; 3], [f64; 2])> + '_, CellError> {
+    let (series, period) = cubic(cell)?;
+    let lattice = series.lattice();
+    Ok(series
         .exponentials()
         .iter()
         .filter(|(_, c)| *c != [0.0; 2])
-        .map(move |&(k, c)| (cubic_index(lattice, period, k), c))
+        .map(move |&(k, c)| (cubic_index(lattice, period, k), c)))
 }
 
 /// Largest index along an axis of the cubic period.
 pub(super) fn greatest_index(cell: &Cell) -> Result<i32, CellError> {
-    let index = spectrum(cell)
+    let index = spectrum(cell)?
         .flat_map(|(h, _)| h)
         .map(i32::abs)
         .max()
@@ -86,12 +95,12 @@ fn kept(h: i32, n: f64) -> f64 {
 pub(super) fn error_bounds(cell: &Cell, samples: usize) -> Result<(f64, f64), CellError> {
     let greatest = greatest_index(cell)?;
     let n = samples as f64;
-    let period = period(cell.series().lattice());
+    let (_, period) = cubic(cell)?;
     let table: Vec<(f64, f64)> = (0..=greatest)
         .map(|h| (kept(h, n), aliases(h, n)))
         .collect();
     let (mut value, mut slope) = (0.0, [0.0; 3]);
-    for (h, [re, im]) in spectrum(cell) {
+    for (h, [re, im]) in spectrum(cell)? {
         let size = re.hypot(im);
         let mu = h.map(|c| table[c.unsigned_abs() as usize].0);
         let product: f64 = mu.iter().product();
@@ -121,7 +130,7 @@ fn aliases(h: i32, n: f64) -> f64 {
 pub(super) fn coefficients(cell: &Cell, n: usize) -> Result<(f64, Vec<f32>), CellError> {
     greatest_index(cell)?;
     let mut grid = vec![Complex64::default(); n * n * n];
-    for (h, [re, im]) in spectrum(cell) {
+    for (h, [re, im]) in spectrum(cell)? {
         let gain: f64 = h.iter().map(|&c| attenuation(c, n as f64)).product();
         let [x, y, z] = h.map(|c| c.rem_euclid(n as i32) as usize);
         grid[(x * n + y) * n + z] += Complex64::new(re, im) / gain;
@@ -142,7 +151,7 @@ pub(super) fn coefficients(cell: &Cell, n: usize) -> Result<(f64, Vec<f32>), Cel
                 }
             }
         });
-    Ok((period(cell.series().lattice()), padded))
+    Ok((cubic(cell)?.1, padded))
 }
 
 /// Unnormalised inverse transform of a cube, one axis after the other; the axes rotate so that each

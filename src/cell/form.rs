@@ -1,0 +1,456 @@
+//! What a cell's function is made of: an expression whose leaves are Fourier series.
+//!
+//! Series of several bands and lattices, in space or in the plane, combined by weighted sums, minima
+//! and maxima (sharp or rounded), magnitude, shift and negation. Sums of series over one group and
+//! lattice are one series again, since series are linear in their coefficients; everything else
+//! breaks the band limit and stays a node.
+//!
+//! Rounded minimum: min(a, b) - max(r - |a - b|, 0)^2 / (4 r), which differs from the minimum only
+//! where the two are closer than the radius r, has a continuous gradient there, and never decreases
+//! when a or b grows. Of more than two the first two are taken first.
+
+use super::pairing::embedded;
+use super::{CellError, Series};
+use crate::field::{Field, Interval};
+use crate::frame::{CellBox, CellPoint, Mat3, Vec3};
+use std::sync::Arc;
+
+/// A function of the cell frame; cheap to clone.
+#[derive(Clone, Debug)]
+pub struct Form(Arc<Node>);
+
+/// The kinds of function.
+#[derive(Debug)]
+pub enum Node {
+    /// A series in space.
+    Series(Series<3>),
+    /// A series in the plane, constant along z.
+    Planar(Series<2>),
+    /// The sum of functions times their weights.
+    Sum(Vec<(f64, Form)>),
+    /// The least value; rounded where values are closer than the radius, in field units.
+    Least(Vec<Form>, f64),
+    /// The greatest value, rounded likewise.
+    Greatest(Vec<Form>, f64),
+    /// The magnitude |phi|.
+    Magnitude(Form),
+    /// The function lowered by a constant: phi - c.
+    Shift(Form, f64),
+    /// The function times -1.
+    Negation(Form),
+}
+
+/// A leaf of a form.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Leaf<'a> {
+    Series(&'a Series<3>),
+    Planar(&'a Series<2>),
+}
+
+/// More parts than any expression needs, all nodes counted.
+const MOST_NODES: usize = 256;
+
+impl From<Series<3>> for Form {
+    fn from(series: Series<3>) -> Self {
+        Self(Arc::new(Node::Series(series)))
+    }
+}
+
+impl From<Series<2>> for Form {
+    fn from(series: Series<2>) -> Self {
+        Self(Arc::new(Node::Planar(series)))
+    }
+}
+
+impl Form {
+    /// What it is.
+    pub fn node(&self) -> &Node {
+        &self.0
+    }
+
+    /// The series, if it is one in space.
+    pub fn series(&self) -> Option<&Series<3>> {
+        match self.node() {
+            Node::Series(s) => Some(s),
+            _ => None,
+        }
+    }
+
+    /// The series, if it is one in the plane.
+    pub fn planar(&self) -> Option<&Series<2>> {
+        match self.node() {
+            Node::Planar(s) => Some(s),
+            _ => None,
+        }
+    }
+
+    /// The sum of functions times their weights; series over one group and lattice become one.
+    ///
+    /// # Errors
+    /// [`CellError::Expression`] for no parts, too many, or a weight that is not finite.
+    pub fn sum(parts: Vec<(f64, Self)>) -> Result<Self, CellError> {
+        check_parts(parts.iter().map(|p| &p.1))?;
+        if let Some((weight, _)) = parts.iter().find(|p| !p.0.is_finite()) {
+            return Err(CellError::Expression(format!(
+                "the weight {weight} is not finite"
+            )));
+        }
+        let mut merged: Vec<(f64, Self)> = Vec::new();
+        for (weight, part) in parts {
+            let partner = merged
+                .iter_mut()
+                .find_map(|(w, other)| Some((other.plus(*w, &part, weight)?, w, other)));
+            match partner {
+                Some((sum, w, other)) => (*w, *other) = (1.0, sum),
+                None => merged.push((weight, part)),
+            }
+        }
+        if let [(weight, part)] = merged.as_slice()
+            && let Some(scaled) = part.scaled(*weight)
+        {
+            return Ok(scaled);
+        }
+        Ok(Self(Arc::new(Node::Sum(merged))))
+    }
+
+    /// The function times a number, where that is no new node.
+    fn scaled(&self, factor: f64) -> Option<Self> {
+        match self.node() {
+            Node::Series(s) => Some(s.scaled(factor).into()),
+            Node::Planar(s) => Some(s.scaled(factor).into()),
+            _ => (factor == 1.0).then(|| self.clone()),
+        }
+    }
+
+    /// a self + b other, if both are series over one group and lattice.
+    fn plus(&self, a: f64, other: &Self, b: f64) -> Option<Self> {
+        match (self.node(), other.node()) {
+            (Node::Series(s), Node::Series(t)) => s.plus(a, t, b).map(Self::from),
+            (Node::Planar(s), Node::Planar(t)) => s.plus(a, t, b).map(Self::from),
+            _ => None,
+        }
+    }
+
+    /// The least of the functions: the union of their solids. Rounded with the radius, if it is
+    /// positive.
+    ///
+    /// # Errors
+    /// [`CellError::Expression`] for no parts or too many, or a radius that is negative or not
+    /// finite.
+    pub fn least(parts: Vec<Self>, radius: f64) -> Result<Self, CellError> {
+        Self::extreme(parts, radius, Node::Least)
+    }
+
+    /// The greatest of the functions: the intersection of their solids, rounded likewise.
+    ///
+    /// # Errors
+    /// As [`Form::least`].
+    pub fn greatest(parts: Vec<Self>, radius: f64) -> Result<Self, CellError> {
+        Self::extreme(parts, radius, Node::Greatest)
+    }
+
+    fn extreme(
+        mut parts: Vec<Self>,
+        radius: f64,
+        node: fn(Vec<Self>, f64) -> Node,
+    ) -> Result<Self, CellError> {
+        check_parts(parts.iter())?;
+        if !(radius.is_finite() && radius >= 0.0) {
+            return Err(CellError::Expression(format!(
+                "the radius is {radius}; expected a number from 0 on"
+            )));
+        }
+        if parts.len() == 1 {
+            return Ok(parts.swap_remove(0));
+        }
+        Ok(Self(Arc::new(node(parts, radius))))
+    }
+
+    /// The magnitude |phi|.
+    #[must_use]
+    pub fn magnitude(&self) -> Self {
+        Self(Arc::new(Node::Magnitude(self.clone())))
+    }
+
+    /// The function lowered by a constant: phi - c.
+    #[must_use]
+    pub fn shifted(&self, by: f64) -> Self {
+        match self.node() {
+            Node::Series(s) => s.lowered(by).into(),
+            Node::Planar(s) => s.lowered(by).into(),
+            Node::Shift(inner, more) => Self(Arc::new(Node::Shift(inner.clone(), by + more))),
+            _ => Self(Arc::new(Node::Shift(self.clone(), by))),
+        }
+    }
+
+    /// The function times -1: solid and void exchanged.
+    #[must_use]
+    pub fn negated(&self) -> Self {
+        match self.node() {
+            Node::Series(s) => s.scaled(-1.0).into(),
+            Node::Planar(s) => s.scaled(-1.0).into(),
+            Node::Negation(inner) => inner.clone(),
+            _ => Self(Arc::new(Node::Negation(self.clone()))),
+        }
+    }
+
+    /// The parts of the node.
+    fn parts(&self) -> Vec<&Self> {
+        match self.node() {
+            Node::Series(_) | Node::Planar(_) => Vec::new(),
+            Node::Sum(parts) => parts.iter().map(|p| &p.1).collect(),
+            Node::Least(parts, _) | Node::Greatest(parts, _) => parts.iter().collect(),
+            Node::Magnitude(part) | Node::Shift(part, _) | Node::Negation(part) => vec![part],
+        }
+    }
+
+    /// Number of nodes, leaves included.
+    pub fn nodes(&self) -> usize {
+        1 + self.parts().into_iter().map(Self::nodes).sum::<usize>()
+    }
+
+    /// The series it is made of, in order.
+    pub(super) fn leaves(&self) -> Vec<Leaf<'_>> {
+        match self.node() {
+            Node::Series(s) => vec![Leaf::Series(s)],
+            Node::Planar(s) => vec![Leaf::Planar(s)],
+            _ => self.parts().into_iter().flat_map(Self::leaves).collect(),
+        }
+    }
+
+    /// Number of coefficients, one per orbit pair, of all its series.
+    pub fn coefficients(&self) -> usize {
+        let count = |l: &Leaf| match l {
+            Leaf::Series(s) => s.coefficients().len(),
+            Leaf::Planar(s) => s.coefficients().len(),
+        };
+        self.leaves().iter().map(count).sum()
+    }
+
+    /// Number of exponentials of all its series: what an exact value costs.
+    pub fn exponentials(&self) -> usize {
+        let count = |l: &Leaf| match l {
+            Leaf::Series(s) => s.exponentials().len(),
+            Leaf::Planar(s) => s.exponentials().len(),
+        };
+        self.leaves().iter().map(count).sum()
+    }
+
+    /// Number of real degrees of freedom of all its series.
+    pub fn degrees_of_freedom(&self) -> usize {
+        let count = |l: &Leaf| match l {
+            Leaf::Series(s) => s.degrees_of_freedom(),
+            Leaf::Planar(s) => s.degrees_of_freedom(),
+        };
+        self.leaves().iter().map(count).sum()
+    }
+
+    /// Greatest |f| among its series, in cycles per unit of reference length.
+    pub fn band_limit(&self) -> f64 {
+        let limit = |l: &Leaf| match l {
+            Leaf::Series(s) => s.band_limit(),
+            Leaf::Planar(s) => s.band_limit(),
+        };
+        self.leaves().iter().map(limit).fold(0.0, f64::max)
+    }
+
+    /// The name that all its lattices have.
+    pub fn lattice_name(&self) -> Option<&'static str> {
+        let leaves = self.leaves();
+        let first = leaves.first()?.lattice_name();
+        leaves
+            .iter()
+            .all(|l| l.lattice_name() == first)
+            .then_some(first)?
+    }
+}
+
+fn check_parts<'a>(parts: impl Iterator<Item = &'a Form>) -> Result<(), CellError> {
+    let nodes: usize = parts.map(Form::nodes).sum();
+    if nodes == 0 {
+        return Err(CellError::Expression(
+            "no parts; expected at least one".to_owned(),
+        ));
+    }
+    if nodes >= MOST_NODES {
+        return Err(CellError::Expression(format!(
+            "{nodes} nodes; expected fewer than {MOST_NODES}"
+        )));
+    }
+    Ok(())
+}
+
+impl Leaf<'_> {
+    pub fn dimension(&self) -> usize {
+        match self {
+            Self::Series(_) => 3,
+            Self::Planar(_) => 2,
+        }
+    }
+
+    pub fn group_name(&self) -> &str {
+        match self {
+            Self::Series(s) => s.group().name(),
+            Self::Planar(s) => s.group().name(),
+        }
+    }
+
+    pub fn operators(&self) -> Vec<Mat3> {
+        match self {
+            Self::Series(s) => embedded(s.group(), s.lattice()),
+            Self::Planar(s) => embedded(s.group(), s.lattice()),
+        }
+    }
+
+    pub fn lattice_name(&self) -> Option<&'static str> {
+        match self {
+            Self::Series(s) => s.lattice().name(),
+            Self::Planar(s) => s.lattice().name(),
+        }
+    }
+
+    pub fn lattice_text(&self) -> String {
+        self.lattice_name().map_or_else(
+            || match self {
+                Self::Series(s) => format!("{:?}", s.lattice().vectors()),
+                Self::Planar(s) => format!("{:?}", s.lattice().vectors()),
+            },
+            str::to_owned,
+        )
+    }
+}
+
+/// The rounded minimum of two values and its derivatives by them.
+fn rounded_least(a: f64, b: f64, radius: f64) -> (f64, [f64; 2]) {
+    let share = if radius > 0.0 {
+        (radius - (a - b).abs()).max(0.0) / radius
+    } else {
+        0.0
+    };
+    let value = a.min(b) - share * share * radius / 4.0;
+    let far = share / 2.0;
+    let slopes = if a <= b {
+        [1.0 - far, far]
+    } else {
+        [far, 1.0 - far]
+    };
+    (value, slopes)
+}
+
+/// The rounded minimum of values with gradients.
+fn least_of(values: impl Iterator<Item = (f64, Vec3)>, radius: f64) -> (f64, Vec3) {
+    values
+        .reduce(|(a, ga), (b, gb)| {
+            let (v, [sa, sb]) = rounded_least(a, b, radius);
+            (v, ga * sa + gb * sb)
+        })
+        .unwrap_or((f64::INFINITY, Vec3::zeros()))
+}
+
+impl Field for Form {
+    type Point = CellPoint<3>;
+
+    fn value(&self, p: CellPoint<3>) -> f64 {
+        match self.node() {
+            Node::Series(s) => s.value(p),
+            Node::Planar(s) => s.value(CellPoint(p.0.xy())),
+            Node::Sum(parts) => parts.iter().map(|(w, f)| w * f.value(p)).sum(),
+            Node::Least(parts, radius) => parts
+                .iter()
+                .map(|f| f.value(p))
+                .reduce(|a, b| rounded_least(a, b, *radius).0)
+                .unwrap_or(f64::INFINITY),
+            Node::Greatest(parts, radius) => -parts
+                .iter()
+                .map(|f| -f.value(p))
+                .reduce(|a, b| rounded_least(a, b, *radius).0)
+                .unwrap_or(f64::INFINITY),
+            Node::Magnitude(f) => f.value(p).abs(),
+            Node::Shift(f, by) => f.value(p) - by,
+            Node::Negation(f) => -f.value(p),
+        }
+    }
+
+    fn value_and_gradient(&self, p: CellPoint<3>) -> (f64, Vec3) {
+        match self.node() {
+            Node::Series(s) => s.value_and_gradient(p),
+            Node::Planar(s) => {
+                let (v, g) = s.value_and_gradient(CellPoint(p.0.xy()));
+                (v, g.push(0.0))
+            }
+            Node::Sum(parts) => parts.iter().fold((0.0, Vec3::zeros()), |(s, g), (w, f)| {
+                let (v, d) = f.value_and_gradient(p);
+                (s + w * v, g + d * *w)
+            }),
+            Node::Least(parts, radius) => {
+                least_of(parts.iter().map(|f| f.value_and_gradient(p)), *radius)
+            }
+            Node::Greatest(parts, radius) => {
+                let negative = |f: &Self| {
+                    let (v, g) = f.value_and_gradient(p);
+                    (-v, -g)
+                };
+                let (v, g) = least_of(parts.iter().map(negative), *radius);
+                (-v, -g)
+            }
+            Node::Magnitude(f) => {
+                let (v, g) = f.value_and_gradient(p);
+                if v < 0.0 { (-v, -g) } else { (v, g) }
+            }
+            Node::Shift(f, by) => {
+                let (v, g) = f.value_and_gradient(p);
+                (v - by, g)
+            }
+            Node::Negation(f) => {
+                let (v, g) = f.value_and_gradient(p);
+                (-v, -g)
+            }
+        }
+    }
+
+    fn bound(&self, region: &CellBox<3>) -> Interval {
+        match self.node() {
+            Node::Series(s) => s.bound(region),
+            Node::Planar(s) => s.bound(&CellBox {
+                min: region.min.xy(),
+                max: region.max.xy(),
+            }),
+            _ => self.combine(&mut |f| f.bound(region)),
+        }
+    }
+}
+
+impl Form {
+    /// The interval of values where those of the parts are `of` them; every node is monotone in
+    /// each part but the magnitude.
+    fn combine(&self, of: &mut dyn FnMut(&Self) -> Interval) -> Interval {
+        let mut least = |parts: &[Self], radius: f64, turn: fn(Interval) -> Interval| {
+            parts
+                .iter()
+                .map(|f| turn(of(f)))
+                .reduce(|a, b| {
+                    Interval::new(
+                        rounded_least(a.lo, b.lo, radius).0,
+                        rounded_least(a.hi, b.hi, radius).0,
+                    )
+                })
+                .unwrap_or(Interval::ALL)
+        };
+        match self.node() {
+            Node::Series(_) | Node::Planar(_) => of(self),
+            Node::Sum(parts) => parts.iter().fold(Interval::new(0.0, 0.0), |sum, (w, f)| {
+                let i = of(f);
+                let (a, b) = (w * i.lo, w * i.hi);
+                Interval::new(sum.lo + a.min(b), sum.hi + a.max(b))
+            }),
+            Node::Least(parts, radius) => least(parts, *radius, |i| i),
+            Node::Greatest(parts, radius) => least(parts, *radius, Interval::negated).negated(),
+            Node::Magnitude(f) => of(f).magnitude(),
+            Node::Shift(f, by) => {
+                let i = of(f);
+                Interval::new(i.lo - by, i.hi - by)
+            }
+            Node::Negation(f) => of(f).negated(),
+        }
+    }
+}

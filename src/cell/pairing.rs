@@ -1,0 +1,165 @@
+//! Which groups and lattices go with which element.
+
+use super::{CellError, Form};
+use crate::frame::{Element, Mat3};
+use crate::symmetry::{Lattice, PointGroup};
+use nalgebra::SMatrix;
+
+/// Element, the named groups of its symmetries, and its lattices; the first of each is the default.
+const PAIRINGS: [(Element, &[&str], &[&str]); 6] = [
+    (Element::Tri, &["D3", "C1"], &["hex2"]),
+    (Element::Quad, &["D4", "C1"], &["square"]),
+    (Element::Tet, &["Td", "T", "C3v", "C1"], &["fcc2", "cubic"]),
+    (
+        Element::Hex,
+        &["Oh", "O", "T", "Th", "Td", "D4h", "D2h", "C4v", "C3v", "C1"],
+        &["cubic"],
+    ),
+    (Element::Wedge, &["D3h", "C3v", "C1"], &["hexprism"]),
+    (Element::Pyramid, &["C4v", "C1"], &["fcc1", "tetragonal"]),
+];
+
+/// The name of the group that makes cells independent of the numbering of an element's nodes.
+pub fn default_group(element: Element) -> &'static str {
+    groups(element)[0]
+}
+
+/// The names of the groups for this element; the first is the default.
+pub fn groups(element: Element) -> &'static [&'static str] {
+    PAIRINGS[element as usize].1
+}
+
+/// The names of the lattices for this element; the first is the default.
+pub fn lattices(element: Element) -> &'static [&'static str] {
+    PAIRINGS[element as usize].2
+}
+
+/// A group and a lattice for an element of dimension `D`, by name, ready for a series or a basis;
+/// `None` for the defaults.
+///
+/// # Errors
+/// [`CellError::Unfitting`] for a group or lattice of another element or dimension,
+/// [`CellError::Symmetry`] for an unknown group.
+pub fn symmetry<const D: usize>(
+    element: Element,
+    group: Option<&str>,
+    lattice: Option<&str>,
+) -> Result<(PointGroup<D>, Lattice<D>), CellError> {
+    let name = lattice.unwrap_or(lattices(element)[0]);
+    if element.dimension() != D {
+        return Err(unfitting(
+            element,
+            "dimension",
+            D.to_string(),
+            element.dimension().to_string(),
+        ));
+    }
+    if !lattices(element).contains(&name) {
+        let expected = lattices(element).join(" or ");
+        return Err(unfitting(element, "lattice", name.to_owned(), expected));
+    }
+    let lattice = Lattice::named(name)?;
+    let group = PointGroup::named(group.unwrap_or(default_group(element)), &lattice)?;
+    check_group(element, group.name(), &embedded(&group, &lattice))?;
+    Ok((group, lattice))
+}
+
+fn unfitting(element: Element, what: &'static str, found: String, expected: String) -> CellError {
+    CellError::Unfitting {
+        element: element.name(),
+        what,
+        found,
+        expected,
+    }
+}
+
+fn check_group(element: Element, name: &str, operators: &[Mat3]) -> Result<(), CellError> {
+    if operators.iter().all(|q| element.is_kept_by(q)) {
+        return Ok(());
+    }
+    let expected = format!(
+        "{}, or another group of symmetries of the {}",
+        groups(element).join(", "),
+        element.name()
+    );
+    Err(unfitting(element, "group", name.to_owned(), expected))
+}
+
+/// The Cartesian operators of a group as maps of space; planar ones leave z in place.
+pub(super) fn embedded<const D: usize>(group: &PointGroup<D>, lattice: &Lattice<D>) -> Vec<Mat3> {
+    let in_space = |q: &SMatrix<f64, D, D>| {
+        Mat3::from_fn(|i, j| match (i < D, j < D) {
+            (true, true) => q[(i, j)],
+            _ => f64::from(u8::from(i == j)),
+        })
+    };
+    group.cartesian(lattice).iter().map(in_space).collect()
+}
+
+/// Whether two lists hold the same operators.
+fn contains(list: &[Mat3], q: &Mat3) -> bool {
+    list.iter().any(|p| (p - q).norm_squared() < 1e-12)
+}
+
+/// Name and Cartesian operators of the group of an element's function: what is common to all its
+/// series, each of which must fit the element.
+pub(super) fn symmetry_of(element: Element, form: &Form) -> Result<(String, Vec<Mat3>), CellError> {
+    let mut found: Option<(String, Vec<Mat3>)> = None;
+    for leaf in form.leaves() {
+        if leaf.dimension() != element.dimension() {
+            return Err(unfitting(
+                element,
+                "dimension",
+                leaf.dimension().to_string(),
+                element.dimension().to_string(),
+            ));
+        }
+        let operators = leaf.operators();
+        check_group(element, leaf.group_name(), &operators)?;
+        let lattice = leaf.lattice_name();
+        if !lattice.is_some_and(|n| lattices(element).contains(&n)) {
+            let expected = lattices(element).join(" or ");
+            return Err(unfitting(element, "lattice", leaf.lattice_text(), expected));
+        }
+        found = Some(match found.take() {
+            None => (leaf.group_name().to_owned(), operators),
+            Some((name, mut common)) => {
+                common.retain(|q| contains(&operators, q));
+                let name = if common.len() == operators.len() {
+                    leaf.group_name().to_owned()
+                } else {
+                    name
+                };
+                (name, common)
+            }
+        });
+    }
+    let (name, operators) =
+        found.ok_or_else(|| CellError::Expression("it holds no series".to_owned()))?;
+    // A name says which operators there are: that of a larger group would not.
+    let order = form
+        .leaves()
+        .iter()
+        .find(|l| l.group_name() == name)
+        .map(|l| l.operators().len());
+    if order == Some(operators.len()) {
+        return Ok((name, operators));
+    }
+    let named = groups(element).iter().find(|g| {
+        operators_of(element, g).is_ok_and(|known| {
+            known.len() == operators.len() && known.iter().all(|q| contains(&operators, q))
+        })
+    });
+    Ok((named.map_or("common", |n| n).to_owned(), operators))
+}
+
+/// The Cartesian operators of a named group of an element.
+pub(crate) fn operators_of(element: Element, group: &str) -> Result<Vec<Mat3>, CellError> {
+    if element.dimension() == 2 {
+        let (group, lattice) = symmetry::<2>(element, Some(group), None)?;
+        Ok(embedded(&group, &lattice))
+    } else {
+        let (group, lattice) = symmetry::<3>(element, Some(group), None)?;
+        Ok(embedded(&group, &lattice))
+    }
+}
