@@ -29,6 +29,7 @@ pub mod io;
 pub mod mesh;
 #[cfg(feature = "vdb")]
 pub mod pipeline;
+pub mod polymesh;
 pub mod progress;
 pub mod recipe;
 pub mod scaffold;

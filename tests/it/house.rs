@@ -14,6 +14,10 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("cell", &["symmetry", "field", "mesh", "frame", "progress"]),
     ("scaffold", &["frame", "mesh", "progress"]),
     ("tiling", &["cell", "scaffold", "field", "frame", "mesh"]),
+    (
+        "polymesh",
+        &["mesh", "scaffold", "frame", "progress", "symmetry"],
+    ),
     ("band", &["field", "frame", "progress"]),
     ("vdb", &["frame", "mesh", "band", "progress"]),
     ("io", &["mesh", "scaffold", "cell", "frame"]),

@@ -7,6 +7,7 @@ mod house;
 mod io;
 mod malformed;
 mod mesh;
+mod polymesh;
 mod recipe;
 mod scaffold;
 mod strategy;

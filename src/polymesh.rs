@@ -1,0 +1,288 @@
+//! Polygon meshes with face groups: extrude, remesh, select, replay (Landreneau, *Crystal-Like
+//! Geometric Modeling*, 2005).
+//!
+//! A [`PolyMesh`] is a closed oriented 2-manifold of polygons with any number of corners. It may touch
+//! or cross itself in space; its topology may not: every directed edge `(a, b)` occurs once and
+//! `(b, a)` once, and the faces round a vertex make one fan.
+//!
+//! - A face is a loop of vertex numbers, counter-clockwise seen from outside. The loop's first vertex is
+//!   the face's **start vertex**: it is part of the face and survives every operation and file.
+//! - Every face has a **group**, a number from 1. Group 1 is what primitives are made of.
+//! - `delta`, the **dihedral angle** of an extrusion, is the interior angle between the base face and the
+//!   side planes, in degrees: 90 makes a prism, more flares out, less tapers in.
+//! - **Tiers** are ratios of the mean edge length of the base face; negative ones make pits.
+//!
+//! ```
+//! use druse::polymesh::{Extrusion, Kind, PolyMesh, seed};
+//! let cube = seed::platonic("cube", 1.0).unwrap();
+//! let star = Extrusion::regular(Kind::Tetrahedral).of_group(&cube, 1).unwrap();
+//! assert_eq!((star.mesh.vertex_count(), star.mesh.edge_count(), star.mesh.face_count()), (14, 36, 24));
+//! assert_eq!(star.mesh.euler(), 2);
+//! ```
+
+use crate::frame::{Aabb, Vec3};
+use std::collections::BTreeMap;
+
+mod archimedean;
+mod error;
+mod extrude;
+mod kind;
+mod measure;
+mod operator;
+mod polygon;
+mod remesh;
+pub mod seed;
+mod tier;
+mod topology;
+mod triangulate;
+
+pub use error::{ExtrudeError, PolyError};
+pub use extrude::{Extruded, Extrusion};
+pub use kind::{Dihedral, Kind, Operator, from_name as extrusion_named, names as extrusion_names};
+pub use measure::Summary;
+pub use remesh::{Grouping, Parameter, Remesh, RemeshError, scheme_names};
+pub use triangulate::Triangulated;
+
+/// Loops of vertex numbers, one after another.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Faces {
+    corners: Vec<u32>,
+    /// Where each face begins in `corners`, and the end of the last.
+    starts: Vec<u32>,
+}
+
+impl Faces {
+    /// No faces yet, with room for some.
+    pub fn with_capacity(faces: usize, corners: usize) -> Self {
+        let mut starts = Vec::with_capacity(faces + 1);
+        starts.push(0);
+        Self {
+            corners: Vec::with_capacity(corners),
+            starts,
+        }
+    }
+
+    /// Adds a face.
+    pub fn push(&mut self, face: impl IntoIterator<Item = u32>) {
+        if self.starts.is_empty() {
+            self.starts.push(0);
+        }
+        self.corners.extend(face);
+        self.starts.push(self.corners.len() as u32);
+    }
+
+    /// How many faces there are.
+    pub fn len(&self) -> usize {
+        self.starts.len().saturating_sub(1)
+    }
+
+    /// Whether there is none.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// The loop of face `f`.
+    pub fn get(&self, f: usize) -> &[u32] {
+        &self.corners[self.span(f)]
+    }
+
+    /// The corners of face `f`, as positions in the list of all corners.
+    pub fn span(&self, f: usize) -> std::ops::Range<usize> {
+        self.starts[f] as usize..self.starts[f + 1] as usize
+    }
+
+    /// Every loop, in order.
+    pub fn iter(&self) -> impl ExactSizeIterator<Item = &[u32]> {
+        (0..self.len()).map(|f| self.get(f))
+    }
+}
+
+impl<F: IntoIterator<Item = u32>> FromIterator<F> for Faces {
+    fn from_iter<I: IntoIterator<Item = F>>(faces: I) -> Self {
+        let mut all = Self::default();
+        faces.into_iter().for_each(|f| all.push(f));
+        all
+    }
+}
+
+/// A closed oriented 2-manifold of polygons with groups; valid since [`PolyMesh::new`].
+#[derive(Clone, Debug, PartialEq)]
+pub struct PolyMesh {
+    vertices: Vec<Vec3>,
+    faces: Faces,
+    groups: Vec<u32>,
+    /// For each corner `c`, whose half-edge runs from its vertex to the next of its face: the corner of
+    /// the opposite half-edge.
+    twins: Vec<u32>,
+}
+
+impl PolyMesh {
+    /// A mesh of these vertices, loops and groups.
+    ///
+    /// # Errors
+    /// [`PolyError`] names the first face, edge or vertex that breaks a rule of the [module](self).
+    pub fn new(vertices: Vec<Vec3>, faces: Faces, groups: Vec<u32>) -> Result<Self, PolyError> {
+        let twins = topology::twins(&vertices, &faces, &groups)?;
+        Ok(Self {
+            vertices,
+            faces,
+            groups,
+            twins,
+        })
+    }
+
+    /// A mesh from lists of vertex numbers, all in group 1.
+    ///
+    /// # Errors
+    /// As [`PolyMesh::new`].
+    pub fn from_lists<F: AsRef<[u32]>>(
+        vertices: Vec<Vec3>,
+        faces: impl IntoIterator<Item = F>,
+    ) -> Result<Self, PolyError> {
+        let mut list = Faces::default();
+        for face in faces {
+            list.push(face.as_ref().iter().copied());
+        }
+        let groups = vec![1; list.len()];
+        Self::new(vertices, list, groups)
+    }
+
+    /// The vertices; every one belongs to a face.
+    pub fn vertices(&self) -> &[Vec3] {
+        &self.vertices
+    }
+
+    /// The loops of all faces.
+    pub fn faces(&self) -> &Faces {
+        &self.faces
+    }
+
+    /// The loop of face `f`, from its start vertex.
+    pub fn face(&self, f: usize) -> &[u32] {
+        self.faces.get(f)
+    }
+
+    /// The positions of the corners of face `f`.
+    pub fn points(&self, f: usize) -> Vec<Vec3> {
+        self.face(f)
+            .iter()
+            .map(|&v| self.vertices[v as usize])
+            .collect()
+    }
+
+    /// The group of each face.
+    pub fn groups(&self) -> &[u32] {
+        &self.groups
+    }
+
+    /// How many vertices there are.
+    pub fn vertex_count(&self) -> usize {
+        self.vertices.len()
+    }
+
+    /// How many edges there are.
+    pub fn edge_count(&self) -> usize {
+        self.twins.len() / 2
+    }
+
+    /// How many faces there are.
+    pub fn face_count(&self) -> usize {
+        self.faces.len()
+    }
+
+    /// Euler's characteristic V - E + F: 2 for each piece like a ball, less 2 for each handle.
+    pub fn euler(&self) -> i64 {
+        self.vertex_count() as i64 - self.edge_count() as i64 + self.face_count() as i64
+    }
+
+    /// The greatest group in use.
+    pub fn greatest_group(&self) -> u32 {
+        self.groups.iter().copied().max().unwrap_or(0)
+    }
+
+    /// The groups in use and how many faces each has.
+    pub fn group_counts(&self) -> BTreeMap<u32, usize> {
+        let mut counts = BTreeMap::new();
+        for &g in &self.groups {
+            *counts.entry(g).or_insert(0) += 1;
+        }
+        counts
+    }
+
+    /// The box around the vertices.
+    pub fn bounds(&self) -> Aabb {
+        Aabb::of(self.vertices.iter().copied())
+    }
+
+    /// The same mesh with other groups.
+    ///
+    /// # Panics
+    /// When the count differs from that of the faces or a group is 0.
+    #[must_use]
+    pub fn with_groups(mut self, groups: Vec<u32>) -> Self {
+        assert!(groups.len() == self.groups.len() && !groups.contains(&0));
+        self.groups = groups;
+        self
+    }
+
+    /// The same mesh with every vertex moved by a map that keeps the handedness.
+    ///
+    /// # Errors
+    /// [`PolyError::NotFinite`] when the map leaves the numbers.
+    pub fn mapped(&self, map: impl Fn(Vec3) -> Vec3) -> Result<Self, PolyError> {
+        let vertices: Vec<Vec3> = self.vertices.iter().map(|&v| map(v)).collect();
+        topology::finite(&vertices)?;
+        Ok(Self {
+            vertices,
+            ..self.clone()
+        })
+    }
+
+    /// The same mesh, face `f` beginning at its corner `shift[f]` (counted from its start vertex).
+    ///
+    /// # Panics
+    /// When `shift` has another length than there are faces.
+    #[must_use]
+    pub fn with_starts(&self, shift: &[usize]) -> Self {
+        assert_eq!(shift.len(), self.face_count());
+        let mut mesh = self.clone();
+        for (f, &by) in shift.iter().enumerate() {
+            let span = self.faces.span(f);
+            let n = span.len();
+            if by % n == 0 {
+                continue;
+            }
+            mesh.faces.corners[span.clone()].rotate_left(by % n);
+            mesh.twins[span].rotate_left(by % n);
+        }
+        // Corners moved: what pointed at them must follow.
+        let mut moved: Vec<u32> = vec![0; self.twins.len()];
+        for (f, &by) in shift.iter().enumerate() {
+            let span = self.faces.span(f);
+            let n = span.len();
+            for k in 0..n {
+                moved[span.start + k] = (span.start + (k + n - by % n) % n) as u32;
+            }
+        }
+        mesh.twins.iter_mut().for_each(|t| *t = moved[*t as usize]);
+        mesh
+    }
+
+    /// The mesh turned inside out; each face keeps its start vertex.
+    #[must_use]
+    pub fn flipped(&self) -> Self {
+        let mut faces = Faces::with_capacity(self.face_count(), self.twins.len());
+        for face in self.faces.iter() {
+            let first = face.first().copied();
+            faces.push(first.into_iter().chain(face.iter().skip(1).rev().copied()));
+        }
+        // A valid mesh stays valid.
+        Self::new(self.vertices.clone(), faces, self.groups.clone())
+            .unwrap_or_else(|e| unreachable!("a flipped mesh is broken: {e}"))
+    }
+
+    /// The corner of the opposite half-edge.
+    pub(crate) fn twin(&self, corner: usize) -> usize {
+        self.twins[corner] as usize
+    }
+}

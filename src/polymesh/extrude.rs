@@ -1,0 +1,312 @@
+//! Extruding faces of a group: new vertices, new faces, new groups.
+//!
+//! Faces that are not extruded keep their order and come first; the new faces follow, source by source:
+//! top first, then rows from the base upward. The k-th new face of every source gets group M + 1 + k, where
+//! M is the greatest group before; so the same edge of every source gets the same group. Further iterations
+//! extrude the tops just made.
+
+use super::kind::{Dihedral, Kind, Operator};
+use super::polygon::Polygon;
+use super::tier;
+use super::{ExtrudeError, Faces, PolyMesh, operator};
+use crate::frame::Vec3;
+
+/// An extrusion and its parameters.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Extrusion {
+    /// Which one.
+    pub kind: Kind,
+    /// What is done to it.
+    pub operator: Option<Operator>,
+    /// The dihedral angle.
+    pub dihedral: Dihedral,
+    /// One ratio a tier of the mean edge length; none means 1 for all.
+    pub tiers: Vec<f64>,
+    /// How often: each time on the tops made before.
+    pub iterations: usize,
+    /// Whether the top is made planar by sliding its corners to their mean height.
+    pub level: bool,
+    /// For truncated and omnitruncated ones, which edges are the cut ones: those from even corners, or
+    /// those from odd ones.
+    pub odd: bool,
+}
+
+/// A mesh after an extrusion.
+#[derive(Clone, Debug)]
+pub struct Extruded {
+    /// The mesh.
+    pub mesh: PolyMesh,
+    /// The number of its first new face; those after it are new, too.
+    pub first: usize,
+    /// The top faces made last.
+    pub tops: Vec<usize>,
+    /// What looked odd: sentences in lower case.
+    pub notes: Vec<String>,
+}
+
+/// New vertices and faces on one polygon: numbers below n are its corners.
+pub(super) struct Cap {
+    pub points: Vec<Vec3>,
+    pub faces: Vec<Vec<u32>>,
+    /// Whether the first face is a top.
+    pub has_top: bool,
+}
+
+impl Extrusion {
+    /// The extrusion that makes the regular solid of the right polygon.
+    pub fn regular(kind: Kind) -> Self {
+        Self {
+            kind,
+            operator: None,
+            dihedral: Dihedral::Regular,
+            tiers: Vec::new(),
+            iterations: 1,
+            level: false,
+            odd: false,
+        }
+    }
+
+    /// Its name in scripts.
+    pub fn name(&self) -> String {
+        match self.operator {
+            Some(operator) => format!("{}_{}", operator.prefix(), self.kind),
+            None => self.kind.name().to_owned(),
+        }
+    }
+
+    /// Extrudes every face of a group.
+    ///
+    /// # Errors
+    /// As [`Extrusion::of`].
+    pub fn of_group(&self, mesh: &PolyMesh, group: u32) -> Result<Extruded, ExtrudeError> {
+        let chosen: Vec<bool> = mesh.groups().iter().map(|&g| g == group).collect();
+        self.of(mesh, &chosen)
+    }
+
+    /// Extrudes the faces that are `chosen` (one answer a face).
+    ///
+    /// # Errors
+    /// [`ExtrudeError`]: parameters out of range, no face, a face that has no such extrusion.
+    ///
+    /// # Panics
+    /// When `chosen` has another length than there are faces.
+    pub fn of(&self, mesh: &PolyMesh, chosen: &[bool]) -> Result<Extruded, ExtrudeError> {
+        assert_eq!(chosen.len(), mesh.face_count());
+        self.validate()?;
+        let mut notes = Vec::new();
+        let mut rounds = self.iterations;
+        if rounds > 1 && !self.kind.has_top() {
+            notes.push(format!(
+                "{} has no top face: {rounds} iterations are one",
+                self.name()
+            ));
+            rounds = 1;
+        }
+        let mut extruded = self.once(mesh, chosen, &mut notes)?;
+        for _ in 1..rounds {
+            let mut tops = vec![false; extruded.mesh.face_count()];
+            extruded.tops.iter().for_each(|&f| tops[f] = true);
+            let first = extruded.first;
+            extruded = self.once(&extruded.mesh, &tops, &mut notes)?;
+            // Faces made in earlier rounds are new, too: they come before those of this one.
+            extruded.first = first;
+        }
+        extruded.notes = notes;
+        Ok(extruded)
+    }
+
+    fn validate(&self) -> Result<(), ExtrudeError> {
+        if let Dihedral::Degrees(degrees) = self.dihedral
+            && !(degrees > 0.0 && degrees < 180.0)
+        {
+            return Err(ExtrudeError::Angle(degrees));
+        }
+        let expected = self.kind.tiers();
+        if !self.tiers.is_empty() && self.tiers.len() != expected {
+            return Err(ExtrudeError::Tiers {
+                kind: self.name(),
+                found: self.tiers.len(),
+                expected,
+            });
+        }
+        if let Some(i) = self.tiers.iter().position(|t| !t.is_finite()) {
+            return Err(ExtrudeError::Tier {
+                index: i + 1,
+                value: self.tiers[i],
+            });
+        }
+        if !(1..=1000).contains(&self.iterations) {
+            return Err(ExtrudeError::Iterations(self.iterations));
+        }
+        Ok(())
+    }
+
+    fn once(
+        &self,
+        mesh: &PolyMesh,
+        chosen: &[bool],
+        notes: &mut Vec<String>,
+    ) -> Result<Extruded, ExtrudeError> {
+        let sources: Vec<usize> = (0..chosen.len()).filter(|&f| chosen[f]).collect();
+        if sources.is_empty() {
+            return Err(ExtrudeError::Nothing);
+        }
+        let mut vertices = mesh.vertices().to_vec();
+        let mut faces = Faces::with_capacity(mesh.face_count(), mesh.faces().corners.len());
+        let mut groups = Vec::with_capacity(mesh.face_count());
+        for f in (0..chosen.len()).filter(|&f| !chosen[f]) {
+            faces.push(mesh.face(f).iter().copied());
+            groups.push(mesh.groups()[f]);
+        }
+        let first = faces.len();
+        let greatest = mesh.greatest_group();
+        let mut tops = Vec::new();
+        let mut look = Look::default();
+        for &f in &sources {
+            let cap = self
+                .cap(mesh.points(f), &mut look)
+                .map_err(|reason| ExtrudeError::Face { face: f, reason })?;
+            let loops = mesh.face(f);
+            let (n, offset) = (loops.len() as u32, vertices.len() as u32);
+            vertices.extend(cap.points);
+            if cap.has_top {
+                tops.push(faces.len());
+            }
+            for (k, face) in cap.faces.iter().enumerate() {
+                let place = |v: &u32| match v.checked_sub(n) {
+                    None => loops[*v as usize],
+                    Some(new) => offset + new,
+                };
+                faces.push(face.iter().map(place));
+                groups.push(
+                    greatest
+                        .checked_add(1 + k as u32)
+                        .ok_or(ExtrudeError::TooMany(u64::from(greatest) + k as u64))?,
+                );
+            }
+            if faces.corners.len() > u32::MAX as usize / 2 {
+                return Err(ExtrudeError::TooMany(faces.corners.len() as u64 * 2));
+            }
+        }
+        look.report(self, sources.len(), notes);
+        let mesh = PolyMesh::new(vertices, faces, groups)?;
+        Ok(Extruded {
+            mesh,
+            first,
+            tops,
+            notes: Vec::new(),
+        })
+    }
+
+    /// What stands on one polygon.
+    fn cap(&self, points: Vec<Vec3>, look: &mut Look) -> Result<Cap, String> {
+        let base = Polygon::new(points)?;
+        if base.residual() > 1e-6 * base.length {
+            look.warped += 1;
+        }
+        match self.operator {
+            None => {
+                let delta = self.kind.dihedral(self.dihedral, base.len());
+                self.plain(&base, delta, look)
+            }
+            Some(operator) => operator::cap(self, operator, &base, look),
+        }
+    }
+
+    /// The kind itself on a polygon.
+    pub(super) fn plain(&self, base: &Polygon, delta: f64, look: &mut Look) -> Result<Cap, String> {
+        let row = self.kind.row();
+        let ones = [1.0; 3];
+        let tiers = if self.tiers.is_empty() {
+            &ones[..row.tiers.len()]
+        } else {
+            &self.tiers
+        };
+        look.zero |= tiers.contains(&0.0);
+        look.folded |= self.kind == Kind::Icosahedral && delta < std::f64::consts::FRAC_PI_2;
+        let mut raised = tier::raise(base, row.tiers, delta, tiers)?;
+        let n = base.len();
+        let number = |ring: usize, i: i32| -> u32 {
+            let i = i.rem_euclid(n as i32) as usize;
+            match ring.checked_sub(1) {
+                None => i as u32,
+                Some(r) => {
+                    let r = row.rings[r];
+                    (n + r.first * n + i * r.stride + r.offset) as u32
+                }
+            }
+        };
+        let mut faces = Vec::with_capacity(self.kind.counts(n).1);
+        if let Some(top) = row.top {
+            let loops: Vec<u32> = (0..n as i32).map(|i| number(top, i)).collect();
+            let places = loops[0] as usize - n;
+            let corners = &mut raised.points[places..places + n];
+            if self.level {
+                tier::level(base, corners, &raised.directions);
+            } else if let Ok(polygon) = Polygon::new(corners.to_vec()) {
+                look.bent = look.bent.max(polygon.residual() / polygon.length);
+            }
+            faces.push(loops);
+        }
+        for alternating in row.rows {
+            for i in 0..n as i32 {
+                for side in *alternating {
+                    faces.push(
+                        side.iter()
+                            .map(|&(r, shift)| number(r, i + shift))
+                            .collect(),
+                    );
+                }
+            }
+        }
+        Ok(Cap {
+            points: raised.points,
+            faces,
+            has_top: row.top.is_some(),
+        })
+    }
+}
+
+/// What is noticed on the way.
+#[derive(Default)]
+pub(super) struct Look {
+    /// Base faces that are not planar.
+    warped: usize,
+    /// The worst top, in units of its mean edge.
+    bent: f64,
+    zero: bool,
+    folded: bool,
+}
+
+impl Look {
+    fn report(&self, extrusion: &Extrusion, sources: usize, notes: &mut Vec<String>) {
+        let mut note = |text: String| {
+            if !notes.contains(&text) {
+                notes.push(text);
+            }
+        };
+        let name = extrusion.name();
+        if self.warped > 0 {
+            note(format!(
+                "{} of {sources} base faces are not planar: side planes are those of their mean plane",
+                self.warped
+            ));
+        }
+        if self.bent > 1e-9 {
+            note(format!(
+                "{name}: a top is not planar (off by {:.1e} of its edge); level = true makes it so",
+                self.bent
+            ));
+        }
+        if self.zero {
+            note(format!(
+                "{name}: a tier of 0 makes edges without length and faces without area"
+            ));
+        }
+        if self.folded {
+            note(format!(
+                "{name}: below 90 degrees the upper tiers can fold over"
+            ));
+        }
+    }
+}

@@ -1,0 +1,187 @@
+//! Numbers of a polygon mesh: counts, volume, area, planarity, edges, groups.
+
+use super::PolyMesh;
+use super::polygon::{area_vector, mean, unit};
+use crate::frame::{Aabb, Vec3};
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::fmt;
+
+/// What a polygon mesh is.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Summary {
+    /// Vertices.
+    pub vertices: usize,
+    /// Edges.
+    pub edges: usize,
+    /// Faces.
+    pub faces: usize,
+    /// Euler's characteristic.
+    pub euler: i64,
+    /// Pieces that share no vertex.
+    pub pieces: usize,
+    /// Signed volume: faces cut into triangles about the mean of their corners.
+    pub volume: f64,
+    /// Area, likewise.
+    pub area: f64,
+    /// Largest distance of a corner from its face's plane, and the face.
+    pub planarity: (f64, usize),
+    /// Shortest and longest edge.
+    pub edge_lengths: (f64, f64),
+    /// Faces by number of corners.
+    pub sides: BTreeMap<usize, usize>,
+    /// Faces by group.
+    pub groups: BTreeMap<u32, usize>,
+    /// Least and greatest corner of the box.
+    #[serde(rename = "box")]
+    pub bounds: [[f64; 3]; 2],
+}
+
+impl PolyMesh {
+    /// Unit normal of face `f` (Newell); zero for a face without area.
+    pub fn normal(&self, f: usize) -> Vec3 {
+        unit(area_vector(&self.points(f))).unwrap_or_else(Vec3::zeros)
+    }
+
+    /// Mean of the corners of face `f`.
+    pub fn centre(&self, f: usize) -> Vec3 {
+        mean(&self.points(f))
+    }
+
+    /// Area of face `f`, cut into triangles about its centre.
+    pub fn face_area(&self, f: usize) -> f64 {
+        let points = self.points(f);
+        let c = mean(&points);
+        let pairs = points.iter().zip(points.iter().cycle().skip(1));
+        pairs
+            .map(|(a, b)| (a - c).cross(&(b - c)).norm())
+            .sum::<f64>()
+            / 2.0
+    }
+
+    /// The largest distance of a corner of face `f` from the plane through its centre with its normal;
+    /// 0 for triangles, even those without a normal.
+    pub fn residual(&self, f: usize) -> f64 {
+        let points = self.points(f);
+        if points.len() == 3 {
+            return 0.0;
+        }
+        let (c, n) = (mean(&points), self.normal(f));
+        let off = |p: &Vec3| (p - c).dot(&n).abs();
+        points.iter().map(off).fold(0.0, f64::max)
+    }
+
+    /// Signed volume.
+    pub fn volume(&self) -> f64 {
+        let o = self.bounds().centre().0;
+        let face = |f: usize| {
+            let points = self.points(f);
+            let c = mean(&points) - o;
+            let pairs = points.iter().zip(points.iter().cycle().skip(1));
+            pairs
+                .map(|(a, b)| c.dot(&(a - o).cross(&(b - o))))
+                .sum::<f64>()
+        };
+        (0..self.face_count()).map(face).sum::<f64>() / 6.0
+    }
+
+    /// Area of all faces.
+    pub fn area(&self) -> f64 {
+        (0..self.face_count()).map(|f| self.face_area(f)).sum()
+    }
+
+    /// The number of the piece of each vertex, from 0 in order of first vertex, and how many there are.
+    pub fn pieces(&self) -> (Vec<u32>, usize) {
+        let mut piece = vec![u32::MAX; self.vertex_count()];
+        let ring = super::topology::Ring::new(self);
+        let mut count = 0;
+        let mut open = Vec::new();
+        for start in 0..self.vertex_count() {
+            if piece[start] != u32::MAX {
+                continue;
+            }
+            piece[start] = count;
+            open.push(start);
+            while let Some(v) = open.pop() {
+                for c in ring.around(v) {
+                    let w = ring.vertex(ring.after(c));
+                    if piece[w] == u32::MAX {
+                        piece[w] = count;
+                        open.push(w);
+                    }
+                }
+            }
+            count += 1;
+        }
+        (piece, count as usize)
+    }
+
+    /// Everything at once.
+    pub fn summary(&self) -> Summary {
+        let mut lengths = (f64::INFINITY, 0.0f64);
+        let mut sides = BTreeMap::new();
+        let mut planarity = (0.0, 0);
+        for f in 0..self.face_count() {
+            let points = self.points(f);
+            *sides.entry(points.len()).or_insert(0) += 1;
+            for (a, b) in points.iter().zip(points.iter().cycle().skip(1)) {
+                let l = (b - a).norm();
+                lengths = (lengths.0.min(l), lengths.1.max(l));
+            }
+            let off = self.residual(f);
+            if off > planarity.0 {
+                planarity = (off, f);
+            }
+        }
+        let Aabb { min, max } = self.bounds();
+        Summary {
+            vertices: self.vertex_count(),
+            edges: self.edge_count(),
+            faces: self.face_count(),
+            euler: self.euler(),
+            pieces: self.pieces().1,
+            volume: self.volume(),
+            area: self.area(),
+            planarity,
+            edge_lengths: lengths,
+            sides,
+            groups: self.group_counts(),
+            bounds: [min.into(), max.into()],
+        }
+    }
+}
+
+/// Rows of the groups table that are printed.
+const ROWS: usize = 24;
+
+impl fmt::Display for Summary {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let plural = if self.pieces == 1 { "" } else { "s" };
+        writeln!(
+            f,
+            "{} vertices, {} edges, {} faces, Euler {}, {} piece{plural}",
+            self.vertices, self.edges, self.faces, self.euler, self.pieces
+        )?;
+        writeln!(f, "volume {:.9}, area {:.9}", self.volume, self.area)?;
+        let (least, most) = self.edge_lengths;
+        writeln!(
+            f,
+            "edges {least:.6} to {most:.6}, least plane face off by {:.2e} (face {})",
+            self.planarity.0, self.planarity.1
+        )?;
+        let list: Vec<String> = self
+            .sides
+            .iter()
+            .map(|(sides, count)| format!("{count} with {sides}"))
+            .collect();
+        writeln!(f, "corners: {}", list.join(", "))?;
+        write!(f, "group  faces")?;
+        for (group, count) in self.groups.iter().take(ROWS) {
+            write!(f, "\n{group:>5}  {count:>5}")?;
+        }
+        if self.groups.len() > ROWS {
+            write!(f, "\n  and {} more groups", self.groups.len() - ROWS)?;
+        }
+        Ok(())
+    }
+}

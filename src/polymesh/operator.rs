@@ -1,0 +1,396 @@
+//! Archimedean extrusions: an operator on an extrusion of a derived polygon, the base polygon kept.
+//!
+//! The base polygon b is the image of a polygon q under the operator. The kind is extruded on q, the whole
+//! closed solid goes through the operator, the image of its base is taken away and its corners are those of
+//! b. With X the kind, p the corners of X's regular face and delta the dihedral angle:
+//!
+//! | operator | base | constant |
+//! |---|---|---|
+//! | truncate | cut corners of q, in pairs | c = 1/(2 + 2 cos(pi/m)) of an edge |
+//! | rectify | middles of q's edges | none |
+//! | cantellate | q shrunk by s about its centre | s = K/(1+K), K = sin(delta/2)/tan(pi/p) |
+//! | omnitruncate | q's edges shortened and moved inward | u = cos(pi/p)/2 / (1 + cos(pi/p) + sin(pi/p)/sin(delta/2)), inward u/sin(delta/2) |
+//! | snub | q shrunk by s and turned by theta | s, theta from equal edges, by Newton's method |
+
+use super::extrude::{Cap, Extrusion, Look};
+use super::kind::{Kind, Operator};
+use super::polygon::{Polygon, area_vector, mean, unit};
+use super::topology::Ring;
+use super::{Faces, PolyMesh};
+use crate::frame::Vec3;
+use std::f64::consts::PI;
+
+/// The cap that `operator` makes on a base polygon.
+pub(super) fn cap(
+    extrusion: &Extrusion,
+    operator: Operator,
+    base: &Polygon,
+    look: &mut Look,
+) -> Result<Cap, String> {
+    let kind = extrusion.kind;
+    let n = base.len();
+    let paired = matches!(operator, Operator::Truncate | Operator::Omnitruncate);
+    if paired && n % 2 == 1 {
+        return Err(format!(
+            "it has {n} corners; {} pairs them and expects an even number",
+            extrusion.name()
+        ));
+    }
+    if paired && n < 6 {
+        return Err(format!(
+            "it has {n} corners; {} expects at least 6",
+            extrusion.name()
+        ));
+    }
+    let m = if paired { n / 2 } else { n };
+    let delta = kind.dihedral(extrusion.dihedral, m);
+    let rule = Rule::new(operator, kind, delta, m)?;
+    let start = usize::from(paired && extrusion.odd);
+    let q = Polygon::new(rule.derived(base, start)?)?;
+    let solid = closed(&extrusion.plain(&q, delta, look)?, &q)?;
+    let made = rule.apply(&solid);
+    Ok(glue(made, base, operator, start, kind.has_top()))
+}
+
+/// The operator on a whole regular solid whose faces the kind makes.
+pub(super) fn on_solid(operator: Operator, kind: Kind, solid: &PolyMesh) -> PolyMesh {
+    let rule = Rule::new(operator, kind, kind.regular_dihedral(), kind.corners())
+        .unwrap_or_else(|e| unreachable!("a regular solid: {e}"));
+    let made = rule.apply(solid);
+    let mut number = vec![u32::MAX; made.points.len()];
+    let mut points = Vec::new();
+    let mut faces = Faces::default();
+    for face in &made.faces {
+        faces.push(face.iter().map(|&v| {
+            let slot = &mut number[v as usize];
+            if *slot == u32::MAX {
+                *slot = points.len() as u32;
+                points.push(made.points[v as usize]);
+            }
+            *slot
+        }));
+    }
+    let groups = vec![1; faces.len()];
+    PolyMesh::new(points, faces, groups).unwrap_or_else(|e| unreachable!("a regular solid: {e}"))
+}
+
+/// The cap on `q` with its base, which is face 0 and runs the other way round.
+fn closed(cap: &Cap, q: &Polygon) -> Result<PolyMesh, String> {
+    let vertices = q.points.iter().chain(&cap.points).copied().collect();
+    let m = q.len() as u32;
+    let mut faces = Faces::default();
+    faces.push((0..m).rev());
+    cap.faces.iter().for_each(|f| faces.push(f.iter().copied()));
+    let groups = vec![1; faces.len()];
+    PolyMesh::new(vertices, faces, groups).map_err(|e| e.to_string())
+}
+
+/// An operator with its constants.
+struct Rule {
+    operator: Operator,
+    /// Cut, shrink or half edge.
+    share: f64,
+    /// Omnitruncate: inward shift; snub: angle.
+    other: f64,
+}
+
+impl Rule {
+    fn new(operator: Operator, kind: Kind, delta: f64, m: usize) -> Result<Self, String> {
+        let p = PI / kind.corners() as f64;
+        let half = (delta / 2.0).sin();
+        let (share, other) = match operator {
+            Operator::Truncate => (1.0 / (2.0 + 2.0 * (PI / m as f64).cos()), 0.0),
+            Operator::Rectify => (0.5, 0.0),
+            Operator::Cantellate => {
+                let k = half / p.tan();
+                (k / (1.0 + k), 0.0)
+            }
+            Operator::Omnitruncate => {
+                let u = 0.5 * p.cos() / (1.0 + p.cos() + p.sin() / half);
+                (u, u / half)
+            }
+            Operator::Snub => snub(p, delta)?,
+        };
+        Ok(Self {
+            operator,
+            share,
+            other,
+        })
+    }
+
+    /// The polygon whose image is the base; the pairs of paired operators begin at corner `start`.
+    fn derived(&self, base: &Polygon, start: usize) -> Result<Vec<Vec3>, String> {
+        let n = base.len();
+        let at = |i: usize| base.points[i % n];
+        let centre = mean(&base.points);
+        match self.operator {
+            Operator::Truncate => {
+                // Corner k is where the long edges before and after pair k meet.
+                let long = |k: usize| {
+                    let i = (start + 2 * k + 1) % n;
+                    (at(i), base.edge(i))
+                };
+                (0..n / 2)
+                    .map(|k| crossing(long((k + n / 2 - 1) % (n / 2)), long(k), k))
+                    .collect()
+            }
+            Operator::Rectify => {
+                // Corner i is where the tangents at corners i and i+1 meet.
+                let tangent = |i: usize| {
+                    let i = i % n;
+                    let along = |j: usize| base.edge(j).normalize();
+                    (at(i), along((i + n - 1) % n) + along(i))
+                };
+                (0..n)
+                    .map(|i| crossing(tangent(i), tangent(i + 1), i))
+                    .collect()
+            }
+            Operator::Cantellate => Ok(base
+                .points
+                .iter()
+                .map(|b| centre + (b - centre) / self.share)
+                .collect()),
+            Operator::Omnitruncate => {
+                // Corner k is where edges 2k-2 and 2k meet once moved outward.
+                let shift = base.length * self.other / (2.0 * self.share);
+                let moved = |k: usize| {
+                    let i = (start + 2 * k) % n;
+                    (at(i) + shift * base.outward[i], base.edge(i))
+                };
+                (0..n / 2)
+                    .map(|k| crossing(moved((k + n / 2 - 1) % (n / 2)), moved(k), k))
+                    .collect()
+            }
+            Operator::Snub => Ok(base
+                .points
+                .iter()
+                .map(|b| centre + turned((b - centre) / self.share, base.normal, self.other))
+                .collect()),
+        }
+    }
+
+    /// The operator on a closed solid: one point or two a half-edge, and the new faces in order of old
+    /// faces, edges, vertices.
+    fn apply(&self, solid: &PolyMesh) -> Made {
+        let ring = Ring::new(solid);
+        let count = ring.next.len();
+        let centres: Vec<Vec3> = (0..solid.face_count()).map(|f| solid.centre(f)).collect();
+        let normals: Vec<Vec3> = (0..solid.face_count())
+            .map(|f| unit(area_vector(&solid.points(f))).unwrap_or_else(Vec3::zeros))
+            .collect();
+        let ends = |c: usize| (ring.at(c), ring.at(ring.after(c)));
+        let id = |c: usize| c as u32;
+        let second = |c: usize| (count + c) as u32;
+        let mut points = Vec::with_capacity(count);
+        let mut faces: Vec<Vec<u32>> = Vec::new();
+        let loops = |f: usize| solid.faces().span(f);
+        match self.operator {
+            Operator::Truncate => {
+                for c in 0..count {
+                    let (x, y) = ends(c);
+                    points.push(x + self.share * (y - x));
+                }
+                for f in 0..solid.face_count() {
+                    let corners = loops(f);
+                    faces.push(corners.flat_map(|c| [id(c), id(solid.twin(c))]).collect());
+                }
+            }
+            Operator::Rectify => {
+                for c in 0..count {
+                    let (x, y) = ends(c);
+                    points.push((x + y) / 2.0);
+                }
+                for f in 0..solid.face_count() {
+                    faces.push(
+                        loops(f)
+                            .map(|c| ring.edges[ring.edge[c] as usize])
+                            .collect(),
+                    );
+                }
+            }
+            Operator::Cantellate | Operator::Snub => {
+                let turn = self.operator == Operator::Snub;
+                for c in 0..count {
+                    let f = ring.face[c] as usize;
+                    let arm = self.share * (ring.at(c) - centres[f]);
+                    let arm = if turn {
+                        turned(arm, normals[f], self.other)
+                    } else {
+                        arm
+                    };
+                    points.push(centres[f] + arm);
+                }
+                faces.extend((0..solid.face_count()).map(|f| loops(f).map(id).collect()));
+                for &edge in &ring.edges {
+                    let c = edge as usize;
+                    let t = solid.twin(c);
+                    let (fx, fy) = (id(c), ring.next[c]);
+                    let (gy, gx) = (id(t), ring.next[t]);
+                    if turn {
+                        faces.push(vec![fy, fx, gy]);
+                        faces.push(vec![fx, gx, gy]);
+                    } else {
+                        faces.push(vec![fy, fx, gx, gy]);
+                    }
+                }
+            }
+            Operator::Omnitruncate => {
+                let place = |c: usize, side: f64| {
+                    let f = ring.face[c] as usize;
+                    let (x, y) = ends(c);
+                    let edge = y - x;
+                    let inward = unit(normals[f].cross(&edge)).unwrap_or_else(Vec3::zeros);
+                    (x + y) / 2.0 + side * self.share * edge + self.other * edge.norm() * inward
+                };
+                points.extend((0..count).map(|c| place(c, -1.0)));
+                points.extend((0..count).map(|c| place(c, 1.0)));
+                for f in 0..solid.face_count() {
+                    faces.push(loops(f).flat_map(|c| [id(c), second(c)]).collect());
+                }
+                for &edge in &ring.edges {
+                    let c = edge as usize;
+                    let t = solid.twin(c);
+                    faces.push(vec![second(c), id(c), second(t), id(t)]);
+                }
+            }
+        }
+        for v in 0..solid.vertex_count() {
+            let around = ring.around(v);
+            faces.push(match self.operator {
+                Operator::Rectify => around.map(|c| ring.edges[ring.edge[c] as usize]).collect(),
+                Operator::Omnitruncate => around
+                    .flat_map(|c| [id(c), second(ring.prior(c))])
+                    .collect(),
+                _ => around.map(id).collect(),
+            });
+        }
+        Made { points, faces }
+    }
+}
+
+/// Points, of which some may be unused, and faces; face 0 is the image of the base.
+struct Made {
+    points: Vec<Vec3>,
+    faces: Vec<Vec<u32>>,
+}
+
+/// Takes away the image of the base and puts the base's own corners in its place.
+fn glue(made: Made, base: &Polygon, operator: Operator, start: usize, has_top: bool) -> Cap {
+    let n = base.len();
+    // The image runs the other way round; this is the base's corner of its first.
+    let image = &made.faces[0];
+    let first = match operator {
+        // From the last corner of q along its last edge: the end of the long edge m-2, if one runs forward.
+        Operator::Truncate => n - 2 + start,
+        // The middle of the edge from q's last corner to the one before it lies between them.
+        Operator::Rectify => n - 1,
+        Operator::Cantellate | Operator::Snub => n - 1,
+        // Along the edge from q's last corner to the one before it, beginning at the last corner.
+        Operator::Omnitruncate => n - 3 + start,
+    };
+    let mut number = vec![u32::MAX; made.points.len()];
+    for (k, &v) in image.iter().enumerate() {
+        number[v as usize] = ((first + 2 * n - k) % n) as u32;
+    }
+    let mut points = Vec::new();
+    let mut faces = Vec::with_capacity(made.faces.len() - 1);
+    for face in &made.faces[1..] {
+        let place = |&v: &u32| {
+            let slot = &mut number[v as usize];
+            if *slot == u32::MAX {
+                *slot = (n + points.len()) as u32;
+                points.push(made.points[v as usize]);
+            }
+            *slot
+        };
+        faces.push(face.iter().map(place).collect());
+    }
+    Cap {
+        points,
+        faces,
+        has_top,
+    }
+}
+
+/// A vector turned about a unit axis.
+fn turned(v: Vec3, axis: Vec3, angle: f64) -> Vec3 {
+    let along = axis * axis.dot(&v);
+    let flat = v - along;
+    along + angle.cos() * flat + angle.sin() * axis.cross(&flat)
+}
+
+/// The point nearest to two lines, each given by a point and a direction.
+fn crossing(a: (Vec3, Vec3), b: (Vec3, Vec3), corner: usize) -> Result<Vec3, String> {
+    let (u, v) = (a.1.normalize(), b.1.normalize());
+    let cross = u.cross(&v);
+    let square = cross.norm_squared();
+    if square < 1e-16 || !square.is_finite() {
+        return Err(format!(
+            "the lines that make corner {corner} of its derived polygon are parallel; expected edges that meet"
+        ));
+    }
+    let w = b.0 - a.0;
+    let s = w.cross(&v).dot(&cross) / square;
+    let t = w.cross(&u).dot(&cross) / square;
+    Ok(((a.0 + s * u) + (b.0 + t * v)) / 2.0)
+}
+
+/// Shrinking and turning of regular faces that make all edges of a snub solid equal; `p` is pi over the
+/// number of a face's corners. Unknowns s and theta; two edges across a pair of faces equal that of a face.
+fn snub(p: f64, delta: f64) -> Result<(f64, f64), String> {
+    // Two faces over the edge from (-1/2, 0, 0) to (1/2, 0, 0), the first in the plane z = 0 on y > 0.
+    let radius = 0.5 / p.sin();
+    let height = 0.5 / p.tan();
+    let place = |s: f64, theta: f64, corner: f64, second: bool| {
+        // Corner at -1/2 or 1/2, seen from the face's centre, turned counter-clockwise.
+        let angle = (-height).atan2(0.5 * corner) + theta;
+        let (x, y) = (s * radius * angle.cos(), height + s * radius * angle.sin());
+        // The second face is the first turned by half a turn about the middle's normal, then hinged: the
+        // interior of the solid lies below, at the angle delta.
+        if second {
+            Vec3::new(-x, y * delta.cos(), -y * delta.sin())
+        } else {
+            Vec3::new(x, y, 0.0)
+        }
+    };
+    let residual = |s: f64, theta: f64| {
+        let [a, b] = [-1.0, 1.0].map(|c| place(s, theta, c, false));
+        let [d, e] = [-1.0, 1.0].map(|c| place(s, theta, c, true));
+        // The second face's corner 1 stands at the first's corner -1.
+        let edge = (b - a).norm_squared();
+        [(a - e).norm_squared() - edge, (a - d).norm_squared() - edge]
+    };
+    let (mut s, mut theta) = (0.5, 0.25);
+    for _ in 0..60 {
+        let f = residual(s, theta);
+        let h = 1e-7;
+        let ds = residual(s + h, theta);
+        let dt = residual(s, theta + h);
+        let j = nalgebra::Matrix2::new(
+            (ds[0] - f[0]) / h,
+            (dt[0] - f[0]) / h,
+            (ds[1] - f[1]) / h,
+            (dt[1] - f[1]) / h,
+        );
+        let Some(step) = j
+            .try_inverse()
+            .map(|i| i * nalgebra::Vector2::new(f[0], f[1]))
+        else {
+            break;
+        };
+        s -= step.x;
+        theta -= step.y;
+        if step.norm() < 1e-15 {
+            break;
+        }
+    }
+    let f = residual(s, theta);
+    if f[0].hypot(f[1]) < 1e-12 && s > 0.0 && s < 1.0 && theta.abs() < 1.0 {
+        Ok((s, theta))
+    } else {
+        Err(format!(
+            "no snub solid has the dihedral angle {} degrees; expected that of a regular solid",
+            delta.to_degrees()
+        ))
+    }
+}

@@ -1,0 +1,185 @@
+//! Schemes that put points at the corners within every face.
+
+use super::weight::{doo_sabin as doo_sabin_weight, honeycomb, weighted};
+use super::{Made, NONE, Old, Sketch};
+use crate::frame::Vec3;
+
+/// A point a corner: faces, quads over edges, faces round vertices; those of two corners are left out.
+fn over(old: &Old, points: Vec<Vec3>) -> Sketch {
+    let mut s = Sketch::new(points);
+    for f in 0..old.faces() {
+        s.face(1, f as u32, old.span(f).map(|c| c as u32));
+    }
+    for c in old.halves() {
+        let t = old.twin(c);
+        s.face(
+            2,
+            NONE,
+            [old.ring.next[c], c as u32, old.ring.next[t], t as u32],
+        );
+    }
+    for v in 0..old.vertices() {
+        let around: Vec<u32> = old.ring.around(v).map(|c| c as u32).collect();
+        if around.len() > 2 {
+            s.face(3, NONE, around);
+        }
+    }
+    s
+}
+
+fn by_weight(old: &Old, own: impl Fn(usize) -> f64) -> Vec<Vec3> {
+    let faces = (0..old.faces()).map(|f| old.mesh.points(f));
+    faces
+        .flat_map(|points| weighted(&points, own(points.len())))
+        .collect()
+}
+
+/// Doo and Sabin, 1978. V' = 2E, E' = 4E, F' = F + E + V.
+pub(super) fn doo_sabin(old: &Old, _: &[f64]) -> Made {
+    Ok(over(old, by_weight(old, doo_sabin_weight)))
+}
+
+/// The same with a chosen own weight.
+pub(super) fn corner_cutting(old: &Old, p: &[f64]) -> Made {
+    Ok(over(old, by_weight(old, |_| p[0])))
+}
+
+/// The same with every edge of a face moved inward by half a thickness (in the model's unit).
+pub(super) fn modified_corner_cutting(old: &Old, p: &[f64]) -> Made {
+    let point = |c: usize| {
+        let v = old.ring.at(c);
+        let out = (old.along(c, 1.0) - v).normalize();
+        let back = (old.ring.at(old.ring.prior(c)) - v).normalize();
+        let sine = (1.0 - out.dot(&back).powi(2)).max(0.0).sqrt();
+        v + p[0] / 2.0 / sine * (out + back)
+    };
+    Ok(over(old, (0..old.corners()).map(point).collect()))
+}
+
+/// Old vertices and inner corners: inner faces, hexagons over edges. V' = V + 2E, E' = 4E, F' = F + E.
+///
+/// Inner corners are means with a honeycomb's own weight w, raised by `tension` to w + tension (1 - w), of
+/// points at `twist` along the edges.
+pub(super) fn root4(old: &Old, p: &[f64]) -> Made {
+    let mut s = Sketch::keeping(old);
+    let mut points = Vec::with_capacity(old.corners());
+    for f in 0..old.faces() {
+        let start: Vec<Vec3> = old.span(f).map(|c| old.along(c, p[1])).collect();
+        let own = honeycomb(start.len());
+        points.extend(weighted(&start, own + p[0] * (1.0 - own)));
+    }
+    let inner = s.points(points);
+    for f in 0..old.faces() {
+        s.face(1, f as u32, old.span(f).map(|c| inner + c as u32));
+    }
+    for c in old.halves() {
+        let t = old.twin(c);
+        let (x, y) = (old.ring.vertex(c) as u32, old.ring.vertex(t) as u32);
+        let [f, g] = [c, t].map(|c| [inner + c as u32, inner + old.ring.next[c]]);
+        s.face(2, NONE, [x, g[1], g[0], y, f[1], f[0]]);
+    }
+    Ok(s)
+}
+
+/// Thirds of the edges of every face scaled about their mean: faces of twice the corners, quads over edges,
+/// faces of twice the degree round vertices. V' = 4E, E' = 6E, F' = F + E + V.
+pub(super) fn dual_twelve_six_four(old: &Old, p: &[f64]) -> Made {
+    let mut points = Vec::with_capacity(2 * old.corners());
+    for f in 0..old.faces() {
+        let thirds: Vec<Vec3> = old
+            .span(f)
+            .flat_map(|c| [old.along(c, 1.0 / 3.0), old.along(c, 2.0 / 3.0)])
+            .collect();
+        let mean = thirds.iter().sum::<Vec3>() / thirds.len() as f64;
+        points.extend(thirds.iter().map(|t| mean + p[0] * (t - mean)));
+    }
+    let mut s = Sketch::new(points);
+    let (near, far) = (|c: usize| 2 * c as u32, |c: usize| 2 * c as u32 + 1);
+    for f in 0..old.faces() {
+        s.face(1, f as u32, old.span(f).flat_map(|c| [near(c), far(c)]));
+    }
+    for c in old.halves() {
+        let t = old.twin(c);
+        s.face(2, NONE, [far(c), near(c), far(t), near(t)]);
+    }
+    for v in 0..old.vertices() {
+        let pair = |c: usize| [near(c), far(old.ring.prior(c))];
+        s.face(3, NONE, old.ring.around(v).flat_map(pair));
+    }
+    Ok(s)
+}
+
+/// The scheme dual to the last between two duals. V' = V + E + F, E' = 6E, F' = 4E.
+pub(super) fn twelve_six_four(old: &Old, p: &[f64]) -> Made {
+    let inner = super::face::dual(old, &[])?.mesh()?;
+    let middle = dual_twelve_six_four(&Old::new(&inner), p)?.mesh()?;
+    super::face::dual(&Old::new(&middle), &[])
+}
+
+/// Every edge split in the middle.
+fn halved(old: &Old) -> Made {
+    let mut s = Sketch::keeping(old);
+    let middle = s.points(old.halves().map(|c| old.along(c, 0.5)));
+    for f in 0..old.faces() {
+        let pair = |c: usize| [old.ring.vertex(c) as u32, middle + old.edge(c)];
+        s.face(1, f as u32, old.span(f).flat_map(pair));
+    }
+    Ok(s)
+}
+
+/// Edges split, then Doo and Sabin's rule, the faces of two corners left out.
+/// V' = 4E, E' = 7E, F' = F + 2E + V.
+pub(super) fn doo_sabin_bc(old: &Old, _: &[f64]) -> Made {
+    let mesh = halved(old)?.mesh()?;
+    doo_sabin(&Old::new(&mesh), &[])
+}
+
+/// The same with the old vertices kept: pentagons in place of quads and of faces round vertices.
+/// V' = V + 4E, E' = 7E, F' = F + 2E.
+pub(super) fn doo_sabin_bc_new(old: &Old, _: &[f64]) -> Made {
+    let mesh = halved(old)?.mesh()?;
+    let split = Old::new(&mesh);
+    let mut s = Sketch::keeping(old);
+    let inner = s.points(by_weight(&split, doo_sabin_weight));
+    let first_middle = old.vertices();
+    for f in 0..split.faces() {
+        s.face(1, f as u32, split.span(f).map(|c| inner + c as u32));
+    }
+    for c in split.halves() {
+        // From an old vertex to a middle, whichever way the half was seen first.
+        let c = if split.ring.vertex(c) < first_middle {
+            c
+        } else {
+            split.twin(c)
+        };
+        let t = split.twin(c);
+        let v = split.ring.vertex(c) as u32;
+        let [near, far] = [c as u32, split.ring.next[c]].map(|k| inner + k);
+        let [other_far, other_near] = [t as u32, split.ring.next[t]].map(|k| inner + k);
+        s.face(2, NONE, [v, other_near, other_far, far, near]);
+    }
+    Ok(s)
+}
+
+/// An inner face in every face, scaled about its centre and lifted. V' = V + 2E, E' = 5E, F' = F + 2E.
+pub(super) fn loft(old: &Old, p: &[f64]) -> Made {
+    let mut s = Sketch::keeping(old);
+    let mut points = Vec::with_capacity(old.corners());
+    for f in 0..old.faces() {
+        let (centre, top) = (old.mesh.centre(f), old.lifted(f, p[1]));
+        points.extend(old.span(f).map(|c| top + p[0] * (old.ring.at(c) - centre)));
+    }
+    let inner = s.points(points);
+    for f in 0..old.faces() {
+        s.face(1, f as u32, old.span(f).map(|c| inner + c as u32));
+    }
+    for c in 0..old.corners() {
+        let (v, w) = (
+            old.ring.vertex(c) as u32,
+            old.ring.vertex(old.ring.after(c)) as u32,
+        );
+        let quad = [v, w, inner + old.ring.next[c], inner + c as u32];
+        s.face(2, old.ring.face[c], quad);
+    }
+    Ok(s)
+}

@@ -1,0 +1,68 @@
+//! Domes: edges quartered, then seven rings after Doo and Sabin's rule, each scaled and lifted.
+
+use super::weight::{doo_sabin, weighted};
+use super::{Made, Old, Sketch};
+use crate::frame::Vec3;
+
+/// Heights of the rings in mean edges of the face, and their scales.
+const RINGS: [(f64, f64); 7] = [
+    (0.0, 1.6),
+    (0.3, 1.7),
+    (0.18, 1.6),
+    (0.1, 1.4),
+    (0.05, 1.2),
+    (0.025, 1.1),
+    (0.01, 0.01),
+];
+
+/// V' = V + 59E, E' = 116E, F' = F + 56E.
+pub(super) fn dome(old: &Old, p: &[f64]) -> Made {
+    let mut s = Sketch::keeping(old);
+    let quarter = s.points(
+        old.halves()
+            .flat_map(|c| [0.25, 0.5, 0.75].map(|t| old.along(c, t))),
+    );
+    let mut caps = Vec::new();
+    let mut sides = Vec::new();
+    for f in 0..old.faces() {
+        let (normal, length) = (old.mesh.normal(f), old.length(f));
+        let mut below: Vec<u32> = old
+            .span(f)
+            .flat_map(|c| {
+                let first = quarter + 3 * old.edge(c);
+                let forward = old.side(c) % 2 == 0;
+                let [a, b] = if forward {
+                    [first, first + 2]
+                } else {
+                    [first + 2, first]
+                };
+                [old.ring.vertex(c) as u32, a, first + 1, b]
+            })
+            .collect();
+        for (height, scale) in RINGS {
+            let points: Vec<Vec3> = below.iter().map(|&v| s.vertices[v as usize]).collect();
+            let n = points.len();
+            let ring = weighted(&points, doo_sabin(n));
+            let centre = ring.iter().sum::<Vec3>() / n as f64;
+            let lift = height * p[0] * length * normal;
+            let first = s.points(
+                ring.iter()
+                    .map(|r| centre + p[1] * scale * (r - centre) + lift),
+            );
+            let above: Vec<u32> = (0..n as u32).map(|k| first + k).collect();
+            for k in 0..n {
+                let j = (k + 1) % n;
+                sides.push((f as u32, [below[k], below[j], above[j], above[k]]));
+            }
+            below = above;
+        }
+        caps.push(below);
+    }
+    for (f, cap) in caps.into_iter().enumerate() {
+        s.face(1, f as u32, cap);
+    }
+    for (f, side) in sides {
+        s.face(2, f, side);
+    }
+    Ok(s)
+}

@@ -1,0 +1,168 @@
+//! Schemes that put points on the edges only, and those that cut corners by them.
+
+use super::face::neighbours;
+use super::weight::{honeycomb as honeycomb_weight, weighted};
+use super::{Made, NONE, Old, Sketch};
+use crate::frame::Vec3;
+use std::f64::consts::TAU;
+
+/// Middles joined round faces and vertices. V' = E, E' = 2E, F' = F + V.
+pub(super) fn simplest(old: &Old, _: &[f64]) -> Made {
+    let mut s = Sketch::new(old.halves().map(|c| old.along(c, 0.5)).collect());
+    for f in 0..old.faces() {
+        s.face(1, f as u32, old.span(f).map(|c| old.edge(c)));
+    }
+    for v in 0..old.vertices() {
+        s.face(2, NONE, old.ring.around(v).map(|c| old.edge(c)));
+    }
+    Ok(s)
+}
+
+/// Corners cut off at a share of the edges. V' = 2E, E' = 3E, F' = F + V.
+pub(super) fn vertex_truncation(old: &Old, p: &[f64]) -> Made {
+    let mut s = Sketch::new(old.both(p[0]).collect());
+    for f in 0..old.faces() {
+        let ends = |c: usize| [old.side(c), old.side(old.twin(c))];
+        s.face(1, f as u32, old.span(f).flat_map(ends));
+    }
+    for v in 0..old.vertices() {
+        s.face(2, NONE, old.ring.around(v).map(|c| old.side(c)));
+    }
+    Ok(s)
+}
+
+/// A polygon from weighted middles in every face, polygons of twice the degree round vertices.
+/// V' = 2E, E' = 3E, F' = F + V.
+pub(super) fn honeycomb(old: &Old, _: &[f64]) -> Made {
+    let mut vertices = Vec::with_capacity(old.corners());
+    for f in 0..old.faces() {
+        let middles: Vec<Vec3> = old.span(f).map(|c| old.along(c, 0.5)).collect();
+        vertices.extend(weighted(&middles, honeycomb_weight(middles.len())));
+    }
+    let mut s = Sketch::new(vertices);
+    for f in 0..old.faces() {
+        s.face(1, f as u32, old.span(f).map(|c| c as u32));
+    }
+    for v in 0..old.vertices() {
+        let pair = |c: usize| [c as u32, old.ring.prior(c) as u32];
+        s.face(2, NONE, old.ring.around(v).flat_map(pair));
+    }
+    Ok(s)
+}
+
+/// Middles joined in every face: triangles at the corners. V' = V + E, E' = 4E, F' = F + 2E.
+///
+/// Old vertices move to `length` v + (1 - `length`) mean(middles around).
+pub(super) fn loop_style(old: &Old, p: &[f64]) -> Made {
+    let vertices = (0..old.vertices()).map(|v| {
+        let point = old.mesh.vertices()[v];
+        let mean = (neighbours(old, v).0 + point) / 2.0;
+        p[0] * point + (1.0 - p[0]) * mean
+    });
+    let mut s = Sketch::new(vertices.collect());
+    let middle = s.points(old.halves().map(|c| old.along(c, 0.5)));
+    split(&mut s, old, middle);
+    Ok(s)
+}
+
+fn split(s: &mut Sketch, old: &Old, middle: u32) {
+    for f in 0..old.faces() {
+        s.face(1, f as u32, old.span(f).map(|c| middle + old.edge(c)));
+    }
+    for c in 0..old.corners() {
+        let v = old.ring.vertex(c) as u32;
+        let (out, back) = (old.edge(c), old.edge(old.ring.prior(c)));
+        s.face(2, old.ring.face[c], [v, middle + out, middle + back]);
+    }
+}
+
+/// The same faces smoothed (Loop, 1987): edge points 3/8 (a + b) + 1/16 of the four face neighbours, vertices
+/// (1 - k w) v + w sum(neighbours), w = (5/8 - (3/8 + cos(2 pi/k)/4)^2)/k.
+pub(super) fn loop_smooth(old: &Old, _: &[f64]) -> Made {
+    let vertices = (0..old.vertices()).map(|v| {
+        let (mean, k) = neighbours(old, v);
+        let w = 0.625 - (0.375 + 0.25 * (TAU / k).cos()).powi(2);
+        (1.0 - w) * old.mesh.vertices()[v] + w * mean
+    });
+    let mut s = Sketch::new(vertices.collect());
+    let middle = s.points(old.halves().map(|c| {
+        let beside = |c: usize| {
+            let (before, after) = (old.ring.prior(c), old.ring.after(old.ring.after(c)));
+            old.ring.at(before) + old.ring.at(after)
+        };
+        0.75 * old.along(c, 0.5) + (beside(c) + beside(old.twin(c))) / 16.0
+    }));
+    split(&mut s, old, middle);
+    Ok(s)
+}
+
+/// Two points an edge, an inner polygon in every face, quads between: a checkerboard.
+/// V' = V + 4E, E' = 9E, F' = F + 4E.
+///
+/// The inner corner of v is v + t (before - v) + t (after - v); at a reflex corner the shift is turned round, at
+/// a straight one it is t times the mean edge, at right angles inward.
+pub(super) fn checkerboard(old: &Old, p: &[f64]) -> Made {
+    let t = p[0];
+    let mut s = Sketch::keeping(old);
+    let point = s.points(old.both(t));
+    let mut inner_points = Vec::with_capacity(old.corners());
+    for f in 0..old.faces() {
+        let normal = old.mesh.normal(f);
+        for c in old.span(f) {
+            let v = old.ring.at(c);
+            let out = old.along(c, 1.0) - v;
+            let back = old.ring.at(old.ring.prior(c)) - v;
+            let turn = out.cross(&back).dot(&normal);
+            let scale = out.norm() * back.norm();
+            let shift = if turn.abs() <= 1e-9 * scale && out.dot(&back) < 0.0 {
+                let length = f64::midpoint(out.norm(), back.norm());
+                normal.cross(&(out - back)).normalize() * length
+            } else if turn < 0.0 {
+                -(out + back)
+            } else {
+                out + back
+            };
+            inner_points.push(v + t * shift);
+        }
+    }
+    let inner = s.points(inner_points);
+    let near = |c: usize| point + old.side(c);
+    for f in 0..old.faces() {
+        s.face(1, f as u32, old.span(f).map(|c| inner + c as u32));
+    }
+    for c in 0..old.corners() {
+        let after = old.ring.after(c) as u32;
+        let quad = [near(c), near(old.twin(c)), inner + after, inner + c as u32];
+        s.face(2, old.ring.face[c], quad);
+    }
+    for c in 0..old.corners() {
+        let v = old.ring.vertex(c) as u32;
+        let back = near(old.twin(old.ring.prior(c)));
+        s.face(2, old.ring.face[c], [v, near(c), inner + c as u32, back]);
+    }
+    Ok(s)
+}
+
+/// Middles, and those scaled about their mean, in every face: pentagons at the corners.
+/// V' = V + 3E, E' = 6E, F' = F + 2E.
+pub(super) fn pentagon_preserving(old: &Old, p: &[f64]) -> Made {
+    let mut s = Sketch::keeping(old);
+    let middle = s.points(old.halves().map(|c| old.along(c, 0.5)));
+    let mut inner_points = Vec::with_capacity(old.corners());
+    for f in 0..old.faces() {
+        let middles: Vec<Vec3> = old.span(f).map(|c| old.along(c, 0.5)).collect();
+        let mean = middles.iter().sum::<Vec3>() / middles.len() as f64;
+        inner_points.extend(middles.iter().map(|m| mean + p[0] * (m - mean)));
+    }
+    let inner = s.points(inner_points);
+    for f in 0..old.faces() {
+        s.face(1, f as u32, old.span(f).map(|c| inner + c as u32));
+    }
+    for c in 0..old.corners() {
+        let (v, before) = (old.ring.vertex(c) as u32, old.ring.prior(c));
+        let (out, back) = (middle + old.edge(c), middle + old.edge(before));
+        let face = [v, out, inner + c as u32, inner + before as u32, back];
+        s.face(2, old.ring.face[c], face);
+    }
+    Ok(s)
+}

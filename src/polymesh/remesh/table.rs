@@ -1,0 +1,92 @@
+//! The table of schemes.
+
+use super::{Made, Old, Parameter, corner, dome, edge, face};
+
+/// A row.
+pub(super) struct Row {
+    pub name: &'static str,
+    pub aliases: &'static [&'static str],
+    pub parameters: &'static [Parameter],
+    /// Names of the classes of new faces.
+    pub classes: &'static [&'static str],
+    /// At most how many new corners an old one makes.
+    pub growth: u64,
+    pub rule: fn(&Old, &[f64]) -> Made,
+}
+
+const fn parameter(
+    name: &'static str,
+    default: f64,
+    range: (f64, f64),
+    meaning: &'static str,
+) -> Parameter {
+    Parameter {
+        name,
+        default,
+        range,
+        meaning,
+    }
+}
+
+/// Any number of a sensible size.
+const ANY: (f64, f64) = (-1e6, 1e6);
+const ALL: &[&str] = &["all"];
+const VERTEX: &[&str] = &["face", "vertex"];
+const CORNER: &[&str] = &["face", "corner"];
+const THREE: &[&str] = &["face", "edge", "vertex"];
+
+#[rustfmt::skip]
+pub(super) const TABLE: [Row; 30] = [
+    Row { name: "dual", aliases: &[], parameters: &[], classes: ALL, growth: 1, rule: face::dual },
+    Row { name: "root3", aliases: &[], classes: ALL, growth: 3, rule: face::root3,
+        parameters: &[parameter("smooth", 0.0, (-1.0, 2.0), "1 moves old vertices by Kobbelt's rule")] },
+    Row { name: "triangulate", aliases: &[], parameters: &[], classes: ALL, growth: 3, rule: face::triangulate },
+    Row { name: "stellate", aliases: &["global_stellate"], classes: ALL, growth: 3, rule: face::stellate,
+        parameters: &[parameter("height", 0.0, ANY, "of the centres, in mean edges of the face")] },
+    Row { name: "double_stellate_star", aliases: &["star"], classes: ALL, growth: 9, rule: face::star,
+        parameters: &[parameter("height", 0.0, ANY, "of the first centres, in mean edges of the face")] },
+    Row { name: "double_stellate_misc", aliases: &[], classes: ALL, growth: 6, rule: face::double_stellate,
+        parameters: &[parameter("height", 0.0, ANY, "of the first centres, in mean edges of the face")] },
+    Row { name: "stellate_edge_removal", aliases: &["stellate_with_edge_removal"], classes: ALL, growth: 2, rule: face::edge_removal,
+        parameters: &[parameter("height", 0.0, ANY, "of the centres, in mean edges of the face")] },
+    Row { name: "linear_vertex_insertion", aliases: &["linear_vertex"], parameters: &[], classes: ALL, growth: 4, rule: face::linear },
+    Row { name: "catmull_clark", aliases: &[], parameters: &[], classes: ALL, growth: 4, rule: face::catmull_clark },
+    Row { name: "pentagonal", aliases: &["pentagonalization"], classes: ALL, growth: 5, rule: face::pentagonal,
+        parameters: &[parameter("offset", 0.0, (-1.0, 1.0), "moves the first third of a half-edge towards the face's centre")] },
+    Row { name: "cubic_pentagonal", aliases: &["cubic_pentagonalization"], classes: ALL, growth: 5, rule: face::cubic_pentagonal,
+        parameters: &[parameter("offset", 0.0, (-1.0, 1.0), "as for pentagonal")] },
+    Row { name: "fractal", aliases: &[], classes: CORNER, growth: 6, rule: face::fractal,
+        parameters: &[parameter("offset", 1.0, ANY, "height of the pyramids")] },
+    Row { name: "simplest", aliases: &["ambo"], parameters: &[], classes: VERTEX, growth: 2, rule: edge::simplest },
+    Row { name: "vertex_truncation", aliases: &[], classes: VERTEX, growth: 3, rule: edge::vertex_truncation,
+        parameters: &[parameter("offset", 0.25, (0.0, 0.5), "share of an edge that is cut off; at 1/2 it would be simplest")] },
+    Row { name: "honeycomb", aliases: &[], parameters: &[], classes: VERTEX, growth: 3, rule: edge::honeycomb },
+    Row { name: "loop_style", aliases: &[], classes: CORNER, growth: 4, rule: edge::loop_style,
+        parameters: &[parameter("length", 1.0, ANY, "1 keeps old vertices, 0 moves them to the mean of the middles around")] },
+    Row { name: "loop", aliases: &[], parameters: &[], classes: CORNER, growth: 4, rule: edge::loop_smooth },
+    Row { name: "checkerboard", aliases: &[], classes: &["face", "rest"], growth: 9, rule: edge::checkerboard,
+        parameters: &[parameter("t", 0.33, (0.0, 0.5), "where the points of an edge stand, from its ends")] },
+    Row { name: "pentagon_preserving", aliases: &[], classes: CORNER, growth: 6, rule: edge::pentagon_preserving,
+        parameters: &[parameter("scale", 0.75, (0.0, 1.0), "of the inner polygon against that of the middles")] },
+    Row { name: "doo_sabin", aliases: &[], parameters: &[], classes: THREE, growth: 4, rule: corner::doo_sabin },
+    Row { name: "corner_cutting", aliases: &[], classes: THREE, growth: 4, rule: corner::corner_cutting,
+        parameters: &[parameter("alpha", 0.5625, (-1.0, 1.0), "own weight of a corner")] },
+    Row { name: "modified_corner_cutting", aliases: &[], classes: THREE, growth: 4, rule: corner::modified_corner_cutting,
+        parameters: &[parameter("thickness", 0.25, ANY, "twice the distance by which edges move inward, in the model's unit")] },
+    Row { name: "root4", aliases: &["hexagon_preserving"], classes: &["face", "edge"], growth: 4, rule: corner::root4,
+        parameters: &[parameter("tension", 0.0, (-1.0, 1.0), "0 takes a honeycomb's weight, 1 would put inner corners at the old ones"),
+                      parameter("twist", 0.0, (-1.0, 1.0), "moves the points of which the means are taken along the edges")] },
+    Row { name: "dual_twelve_six_four", aliases: &["dual_12_6_4"], classes: THREE, growth: 6, rule: corner::dual_twelve_six_four,
+        parameters: &[parameter("scale", 0.6, (0.0, 1.0), "of a face's thirds about their mean")] },
+    Row { name: "twelve_six_four", aliases: &["generic_12_6_4"], classes: ALL, growth: 6, rule: corner::twelve_six_four,
+        parameters: &[parameter("scale", 0.6, (0.0, 1.0), "as for dual_twelve_six_four")] },
+    Row { name: "doo_sabin_bc", aliases: &[], parameters: &[], classes: THREE, growth: 7, rule: corner::doo_sabin_bc },
+    Row { name: "doo_sabin_bc_new", aliases: &[], parameters: &[], classes: &["face", "edge"], growth: 7, rule: corner::doo_sabin_bc_new },
+    Row { name: "global_cubic_extrude", aliases: &["loft"], classes: &["top", "side"], growth: 5, rule: corner::loft,
+        parameters: &[parameter("scale", 0.5, (0.0, 1e6), "of the inner face about the centre"),
+                      parameter("height", 0.0, ANY, "of the inner face, in mean edges of the face")] },
+    Row { name: "dome", aliases: &[], classes: &["cap", "rest"], growth: 116, rule: dome::dome,
+        parameters: &[parameter("height", 1.0, ANY, "factor on the rings' heights"),
+                      parameter("scale", 1.0, (0.0, 10.0), "factor on the rings' scales")] },
+    Row { name: "root3_smooth", aliases: &["kobbelt"], parameters: &[], classes: ALL, growth: 3, rule: |old, _| face::root3(old, &[1.0]) },
+];

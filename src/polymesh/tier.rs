@@ -1,0 +1,246 @@
+//! Where the vertices of a tier stand: one rule each, for any polygon.
+//!
+//! Tier k has the length t_k L. The factors sqrt(3)/2, cos 54 degrees and sqrt 2 make every new edge of
+//! length L on the regular solid's polygon when t = 1; on tiers above mid-edges t is thus a ratio of slant
+//! heights.
+
+use super::polygon::{Hinge, Polygon, mean, meet, unit};
+use crate::frame::Vec3;
+
+/// How a tier rises from those below it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Rise {
+    /// One point: the mean over the edges of middle + sqrt(3)/2 t L u_i.
+    Apex,
+    /// b_i + t L d_i.
+    Ridge,
+    /// Middle of edge i + sqrt(3)/2 t L u_i.
+    Slope,
+    /// Middle of the tier's vertices i and i+1 below + cos 54 t L u_i.
+    Roof,
+    /// From the roof along the meet of the planes of two neighbouring pentagons.
+    Crest,
+    /// From corner i along the meet of hinges on the edges to the slopes beside it.
+    LowHinge,
+    /// From slope i along the meet of hinges on the edges to the corners' vertices above.
+    HighHinge,
+    /// b_i + sqrt 2 t L towards the middle of the slopes beside it.
+    Flank,
+    /// Two points a corner: b_i + t L along the side planes of the edges before and after it.
+    Fold,
+    /// The same from the two points below, folded inward by delta.
+    Refold,
+    /// One point a corner: the mean of both points below raised along the next fold.
+    Close,
+}
+
+/// New vertices on a polygon, tier by tier.
+pub(super) struct Raised {
+    /// All of them in the order of the table's rings.
+    pub points: Vec<Vec3>,
+    /// The direction in which each vertex of the last tier rose.
+    pub directions: Vec<Vec3>,
+}
+
+/// Raises the tiers of a kind on a polygon.
+///
+/// # Errors
+/// Where a direction is undefined.
+pub(super) fn raise(
+    base: &Polygon,
+    rules: &[Rise],
+    delta: f64,
+    tiers: &[f64],
+) -> Result<Raised, String> {
+    let mut tower = Tower {
+        base,
+        delta,
+        made: Vec::new(),
+        directions: Vec::new(),
+    };
+    for (&rule, &t) in rules.iter().zip(tiers) {
+        let tier = tower.tier(rule, t * base.length)?;
+        tower.made.push(tier);
+    }
+    Ok(Raised {
+        points: tower.made.concat(),
+        directions: tower.directions,
+    })
+}
+
+struct Tower<'a> {
+    base: &'a Polygon,
+    delta: f64,
+    made: Vec<Vec<Vec3>>,
+    directions: Vec<Vec3>,
+}
+
+impl Tower<'_> {
+    /// Tier `k` from below.
+    fn below(&self, k: usize) -> &[Vec3] {
+        &self.made[k]
+    }
+
+    fn tier(&mut self, rule: Rise, reach: f64) -> Result<Vec<Vec3>, String> {
+        let (base, delta) = (self.base, self.delta);
+        let n = base.len();
+        let slope = 3f64.sqrt() / 2.0;
+        let before = |i: usize| (i + n - 1) % n;
+        let after = |i: usize| (i + 1) % n;
+        let starts: Vec<Vec3>;
+        let mut factor = 1.0;
+        let directions: Vec<Vec3> = match rule {
+            Rise::Apex => {
+                let tips: Vec<Vec3> = (0..n)
+                    .map(|i| base.middle(i) + slope * reach * base.slope(i, delta))
+                    .collect();
+                self.directions = vec![base.normal];
+                return Ok(vec![mean(&tips)]);
+            }
+            Rise::Ridge => {
+                starts = base.points.clone();
+                (0..n)
+                    .map(|i| base.ridge(i, delta))
+                    .collect::<Result<_, _>>()?
+            }
+            Rise::Slope => {
+                factor = slope;
+                starts = (0..n).map(|i| base.middle(i)).collect();
+                (0..n).map(|i| base.slope(i, delta)).collect()
+            }
+            Rise::Roof => {
+                factor = 54f64.to_radians().cos();
+                let low = self.below(0);
+                starts = (0..n).map(|i| (low[i] + low[after(i)]) / 2.0).collect();
+                (0..n).map(|i| base.slope(i, delta)).collect()
+            }
+            Rise::Crest => {
+                let (low, high) = (self.below(0), self.below(1));
+                starts = high.to_vec();
+                let plane = |i: usize| {
+                    let (r, l) = (high[i] - low[i], high[before(i)] - low[i]);
+                    // Where the two run together there is no plane, and `meet` goes midway.
+                    let cross = r.cross(&l);
+                    let flat = cross.norm() < 1e-9 * r.norm() * l.norm();
+                    let normal = unit(cross).filter(|_| !flat);
+                    Hinge {
+                        normal: normal.unwrap_or_else(Vec3::zeros),
+                        away: (r + l) / 2.0,
+                    }
+                };
+                (0..n)
+                    .map(|i| defined(meet(plane(i), plane(after(i))), i))
+                    .collect::<Result<_, _>>()?
+            }
+            Rise::LowHinge => {
+                let low = self.below(0);
+                starts = base.points.clone();
+                let outward = self.triangles(low)?;
+                (0..n)
+                    .map(|i| {
+                        let b = base.points[i];
+                        let p = Hinge::new(b - low[before(i)], -outward[before(i)], delta);
+                        let q = Hinge::new(low[i] - b, -outward[i], delta);
+                        defined(p.zip(q).and_then(|(p, q)| meet(p, q)), i)
+                    })
+                    .collect::<Result<_, _>>()?
+            }
+            Rise::HighHinge => {
+                let (low, high) = (self.below(0), self.below(1));
+                starts = low.to_vec();
+                let face = |a: Vec3, b: Vec3, c: Vec3| unit((b - a).cross(&(c - a)));
+                (0..n)
+                    .map(|i| {
+                        let j = after(i);
+                        let (a, p, q) = (low[i], high[i], high[j]);
+                        let left = face(base.points[i], a, p)
+                            .and_then(|out| Hinge::new(a - p, -out, delta));
+                        let right = face(base.points[j], q, a)
+                            .and_then(|out| Hinge::new(q - a, -out, delta));
+                        defined(left.zip(right).and_then(|(p, q)| meet(p, q)), i)
+                    })
+                    .collect::<Result<_, _>>()?
+            }
+            Rise::Flank => {
+                factor = 2f64.sqrt();
+                let low = self.below(0);
+                starts = base.points.clone();
+                (0..n)
+                    .map(|i| {
+                        let middle = (low[before(i)] + low[i]) / 2.0;
+                        defined(unit(middle - base.points[i]), i)
+                    })
+                    .collect::<Result<_, _>>()?
+            }
+            Rise::Fold => {
+                starts = base.points.iter().flat_map(|&b| [b, b]).collect();
+                self.folds(1)
+            }
+            Rise::Refold => {
+                starts = self.below(0).to_vec();
+                self.folds(2)
+            }
+            Rise::Close => {
+                let low = self.below(1);
+                let folds = self.folds(3);
+                let pairs = low.chunks(2).zip(folds.chunks(2));
+                let (tops, directions) = pairs
+                    .map(|(p, d)| {
+                        let middle = (p[0] + p[1]) / 2.0;
+                        let rise = (d[0] + d[1]) / 2.0;
+                        (middle + reach * rise, unit(rise).unwrap_or(base.normal))
+                    })
+                    .unzip();
+                self.directions = directions;
+                return Ok(tops);
+            }
+        };
+        let points = starts.iter().zip(&directions);
+        let points = points.map(|(p, d)| p + factor * reach * d).collect();
+        self.directions = directions;
+        Ok(points)
+    }
+
+    /// Outward unit normals of the triangles (b_i, b_(i+1), low_i).
+    fn triangles(&self, low: &[Vec3]) -> Result<Vec<Vec3>, String> {
+        let n = self.base.len();
+        let p = &self.base.points;
+        (0..n)
+            .map(|i| {
+                let (a, b) = (p[i], p[(i + 1) % n]);
+                defined(unit((b - a).cross(&(low[i] - a))), i)
+            })
+            .collect()
+    }
+
+    /// Per corner the directions of fold `k` over the edges before and after it: cos(tau) N + sin(tau) W
+    /// with tau = k delta - (2k - 1) 90 degrees.
+    fn folds(&self, k: u32) -> Vec<Vec3> {
+        let n = self.base.len();
+        let k = f64::from(k);
+        let tau = k * self.delta - (2.0 * k - 1.0) * std::f64::consts::FRAC_PI_2;
+        let over = |i: usize| tau.cos() * self.base.normal + tau.sin() * self.base.outward[i];
+        (0..n)
+            .flat_map(|i| [over((i + n - 1) % n), over(i)])
+            .collect()
+    }
+}
+
+fn defined(direction: Option<Vec3>, i: usize) -> Result<Vec3, String> {
+    direction.ok_or_else(|| {
+        format!("over its corner {i} a tier has no direction: the tier below has no area there")
+    })
+}
+
+/// Slides each vertex along its direction to the mean height over the base.
+pub(super) fn level(base: &Polygon, top: &mut [Vec3], directions: &[Vec3]) {
+    let centre = mean(&base.points);
+    let height = |p: &Vec3| (p - centre).dot(&base.normal);
+    let mean_height = top.iter().map(height).sum::<f64>() / top.len() as f64;
+    for (p, d) in top.iter_mut().zip(directions) {
+        let rise = d.dot(&base.normal);
+        if rise.abs() > 1e-9 {
+            *p += d * ((mean_height - height(p)) / rise);
+        }
+    }
+}
