@@ -49,7 +49,7 @@ pub(super) fn cap(
     let q = Polygon::new(rule.derived(base, start)?)?;
     let solid = closed(&extrusion.plain(&q, delta, look)?, &q)?;
     let made = rule.apply(&solid);
-    Ok(glue(made, base, operator, start, kind.has_top()))
+    Ok(glue(&made, base, operator, start, kind.has_top()))
 }
 
 /// The operator on a whole regular solid whose faces the kind makes.
@@ -275,16 +275,16 @@ struct Made {
 }
 
 /// Takes away the image of the base and puts the base's own corners in its place.
-fn glue(made: Made, base: &Polygon, operator: Operator, start: usize, has_top: bool) -> Cap {
+fn glue(made: &Made, base: &Polygon, operator: Operator, start: usize, has_top: bool) -> Cap {
     let n = base.len();
     // The image runs the other way round; this is the base's corner of its first.
     let image = &made.faces[0];
     let first = match operator {
         // From the last corner of q along its last edge: the end of the long edge m-2, if one runs forward.
         Operator::Truncate => n - 2 + start,
-        // The middle of the edge from q's last corner to the one before it lies between them.
-        Operator::Rectify => n - 1,
-        Operator::Cantellate | Operator::Snub => n - 1,
+        // The middle of the edge from q's last corner to the one before it lies between them, or
+        // it is the corner that answers to q's last one.
+        Operator::Rectify | Operator::Cantellate | Operator::Snub => n - 1,
         // Along the edge from q's last corner to the one before it, beginning at the last corner.
         Operator::Omnitruncate => n - 3 + start,
     };

@@ -1,9 +1,9 @@
 //! The frame of one polygon: what every extrusion starts from.
 //!
-//! With vertices b_i, edges E_i = b_(i+1) - b_i, L the mean |E_i|, N the normalised Newell normal and
-//! W_i = E_i x N / |E_i x N| (in the plane, pointing away), a side plane at dihedral angle `delta` through
-//! edge i holds u_i = sin(delta) N - cos(delta) W_i. Two of them meet at corner i along
-//! D_i = N - cot(delta) m_i with m_i = (W_(i-1) + W_i) / (1 + W_(i-1).W_i), at reflex and straight corners too.
+//! With vertices `b_i`, edges `E_i` = b_(i+1) - `b_i`, L the mean |`E_i`|, N the normalised Newell normal and
+//! `W_i` = `E_i` x N / |`E_i` x N| (in the plane, pointing away), a side plane at dihedral angle `delta` through
+//! edge i holds `u_i` = sin(delta) N - cos(delta) `W_i`. Two of them meet at corner i along
+//! `D_i` = N - cot(delta) `m_i` with `m_i` = (W_(i-1) + `W_i`) / (1 + W_(i-1).W_i), at reflex and straight corners too.
 
 use crate::frame::Vec3;
 
@@ -85,12 +85,12 @@ impl Polygon {
         (self.points[i] + self.points[(i + 1) % self.len()]) / 2.0
     }
 
-    /// u_i: up the side plane of edge `i`, at right angles to the edge.
+    /// `u_i`: up the side plane of edge `i`, at right angles to the edge.
     pub fn slope(&self, i: usize, delta: f64) -> Vec3 {
         delta.sin() * self.normal - delta.cos() * self.outward[i]
     }
 
-    /// d_i: up the line where the side planes of corner `i` meet.
+    /// `d_i`: up the line where the side planes of corner `i` meet.
     ///
     /// # Errors
     /// At a spike, where the edges turn back on themselves.

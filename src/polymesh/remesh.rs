@@ -7,6 +7,9 @@
 //! New vertices come in the order old vertices, edge points, corner points, face points; new faces class by
 //! class, each in the order of old faces, edges or vertices. V, E, F below are the old counts.
 
+// All rules of the table have one type, those that cannot fail too.
+#![allow(clippy::unnecessary_wraps)]
+
 use super::topology::Ring;
 use super::{Faces, PolyError, PolyMesh};
 use crate::frame::Vec3;

@@ -1,6 +1,6 @@
 //! Where the vertices of a tier stand: one rule each, for any polygon.
 //!
-//! Tier k has the length t_k L. The factors sqrt(3)/2, cos 54 degrees and sqrt 2 make every new edge of
+//! Tier k has the length `t_k` L. The factors sqrt(3)/2, cos 54 degrees and sqrt 2 make every new edge of
 //! length L on the regular solid's polygon when t = 1; on tiers above mid-edges t is thus a ratio of slant
 //! heights.
 
@@ -10,13 +10,13 @@ use crate::frame::Vec3;
 /// How a tier rises from those below it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Rise {
-    /// One point: the mean over the edges of middle + sqrt(3)/2 t L u_i.
+    /// One point: the mean over the edges of middle + sqrt(3)/2 t L `u_i`.
     Apex,
-    /// b_i + t L d_i.
+    /// `b_i` + t L `d_i`.
     Ridge,
-    /// Middle of edge i + sqrt(3)/2 t L u_i.
+    /// Middle of edge i + sqrt(3)/2 t L `u_i`.
     Slope,
-    /// Middle of the tier's vertices i and i+1 below + cos 54 t L u_i.
+    /// Middle of the tier's vertices i and i+1 below + cos 54 t L `u_i`.
     Roof,
     /// From the roof along the meet of the planes of two neighbouring pentagons.
     Crest,
@@ -24,9 +24,9 @@ pub(super) enum Rise {
     LowHinge,
     /// From slope i along the meet of hinges on the edges to the corners' vertices above.
     HighHinge,
-    /// b_i + sqrt 2 t L towards the middle of the slopes beside it.
+    /// `b_i` + sqrt 2 t L towards the middle of the slopes beside it.
     Flank,
-    /// Two points a corner: b_i + t L along the side planes of the edges before and after it.
+    /// Two points a corner: `b_i` + t L along the side planes of the edges before and after it.
     Fold,
     /// The same from the two points below, folded inward by delta.
     Refold,
@@ -201,7 +201,7 @@ impl Tower<'_> {
         Ok(points)
     }
 
-    /// Outward unit normals of the triangles (b_i, b_(i+1), low_i).
+    /// Outward unit normals of the triangles (`b_i`, b_(i+1), `low_i`).
     fn triangles(&self, low: &[Vec3]) -> Result<Vec<Vec3>, String> {
         let n = self.base.len();
         let p = &self.base.points;

@@ -52,7 +52,7 @@ pub(super) fn star(old: &Old, p: &[f64]) -> Made {
     Ok(s)
 }
 
-/// Stellated, then every old edge turned: triangles (a, c_g, c_f). V' = V + F, E' = 3E, F' = 2E.
+/// Stellated, then every old edge turned: triangles (a, `c_g`, `c_f`). V' = V + F, E' = 3E, F' = 2E.
 ///
 /// With `smooth` old vertices move to (1 - w) v + w mean(neighbours), w = (4 - 2 cos(2 pi/k))/9 (Kobbelt,
 /// *sqrt(3)-subdivision*, 2000).
@@ -79,7 +79,7 @@ pub(super) fn root3(old: &Old, p: &[f64]) -> Made {
     Ok(s)
 }
 
-/// Stellated, then every old edge taken away: quads (a, c_g, b, c_f). V' = V + F, E' = 2E, F' = E.
+/// Stellated, then every old edge taken away: quads (a, `c_g`, b, `c_f`). V' = V + F, E' = 2E, F' = E.
 pub(super) fn edge_removal(old: &Old, p: &[f64]) -> Made {
     let mut s = Sketch::keeping(old);
     let centre = s.points((0..old.faces()).map(|f| old.lifted(f, p[0])));
