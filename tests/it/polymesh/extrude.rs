@@ -127,9 +127,9 @@ fn groups_follow_the_thesis() {
                 "set" => {
                     let mut groups = mesh.groups().to_vec();
                     let group = step[2].as_u64().unwrap() as u32;
-                    indices(&step[1])
-                        .iter()
-                        .for_each(|&f| groups[f as usize] = group);
+                    for f in indices(&step[1]) {
+                        groups[f as usize] = group;
+                    }
                     mesh.with_groups(groups)
                 }
                 "gex" => {
