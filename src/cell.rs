@@ -24,7 +24,7 @@
 //! The first group (the whole one) and the first lattice are the defaults; any other group that
 //! keeps the element and the lattice will do.
 //!
-//! [`fit()`] and [`fit_mesh`] make a cell from geometry, [`Surface`] from a closed form; [`Table`] is
+//! [`fit()`] and [`fit_source`] make a cell from geometry, [`Surface`] from a closed form; [`Table`] is
 //! the fast evaluation, [`Cell::from_json`] and [`Cell::to_json`] the text of a `.cell` file.
 //!
 //! ```
@@ -42,6 +42,7 @@ use crate::symmetry::{Lattice, PointGroup};
 use std::sync::{Arc, OnceLock};
 
 mod domain;
+pub mod edt;
 mod error;
 mod file;
 mod fit;
@@ -50,6 +51,7 @@ mod level;
 mod pairing;
 mod series;
 mod solid;
+mod source;
 mod surface;
 mod table;
 mod thickness;
@@ -57,8 +59,8 @@ mod wave;
 pub use error::CellError;
 pub use file::CellTextError;
 pub use fit::{
-    Caps, Components, Distance, FitError, FitOptions, FitReport, Hausdorff, Placement, Sample,
-    SourceReport, fit, fit_mesh, least_squares,
+    Components, Distance, FitError, FitOptions, FitReport, Hausdorff, Placement, Sample,
+    SourceReport, fit, fit_mesh, fit_source, least_squares,
 };
 pub use form::{Form, Node};
 #[cfg(test)]
@@ -66,6 +68,9 @@ pub(crate) use pairing::operators_of;
 pub use pairing::{default_group, groups, lattices, symmetry};
 pub use series::{Coefficient, Series};
 pub use solid::Solid;
+pub use source::{
+    Caps, Skeleton, SkeletonError, Source, SourceKind, VoxelError, Voxels, graphs, plate_sets,
+};
 pub use surface::Surface;
 pub use table::Table;
 

@@ -15,8 +15,10 @@ use crate::frame::{Aabb, CellBox, CellPoint, Vec3, WorldPoint};
 use nalgebra::SVector;
 
 mod combine;
+mod formula;
 mod primitive;
 pub use combine::{Complement, Intersection, Union};
+pub use formula::{Formula, FormulaError};
 pub use primitive::{BoxSolid, Sphere};
 
 /// A closed interval of field values.

@@ -14,9 +14,12 @@
 
 pub mod atomic;
 mod cell;
+mod cloud;
 mod error;
+mod graph;
 mod mesh_file;
 mod msh;
+mod npy;
 mod obj;
 mod ply;
 mod polygon;
@@ -28,8 +31,11 @@ mod tokens;
 mod vtk;
 
 pub use cell::{read_cell, write_cell};
+pub use cloud::{PointFile, TEXT_CLOUDS, read_points};
 pub use error::{ErrorClass, Place, ReadError, WriteError};
-pub use mesh_file::{MeshFile, MeshFormat, read_mesh, sniff, write_mesh};
+pub use graph::read_skeleton;
+pub use mesh_file::{MeshFile, MeshFormat, is_point_cloud, read_mesh, sniff, write_mesh};
+pub use npy::{NpyArray, read_npy};
 pub use scaffold::{Group, ScaffoldFile, read_scaffold};
 pub use source::{Source, quote};
 pub use vtk::write_vtu;

@@ -17,6 +17,7 @@ use std::collections::HashMap;
 
 mod bvh;
 mod check;
+mod cloud;
 mod crossing;
 mod intersect;
 mod openness;
@@ -30,10 +31,12 @@ mod winding;
 
 pub(crate) use bvh::Bvh;
 pub use check::{Defect, Finding, MeshReport, check, check_with};
+pub use cloud::{CloudError, CloudSolid};
 pub use openness::{Hole, HopelessMesh, Openness};
 pub use skin::{Side, Skin};
 pub use solid::MeshSolid;
 pub use soup::Closest;
+pub(crate) use soup::Distances;
 
 /// Why vertices and triangles do not make a mesh.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]

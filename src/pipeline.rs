@@ -29,15 +29,17 @@ mod operate;
 mod output;
 mod report;
 mod shape;
+mod source;
 mod stock;
 mod wall;
 
-pub use cells::{CellFault, fit, levelled, one_element};
+pub use cells::{levelled, make_cell, one_element, read_source};
 pub use error::RunError;
 pub use estimate::Estimate;
 pub use report::{
     BandReport, Input, OutputFile, Report, ScaffoldReport, SolidReport, Stage, Warning,
 };
+pub use source::{CellFault, enter_source};
 
 use operate::Bench;
 use stock::Stock;

@@ -21,17 +21,17 @@ use crate::symmetry::Basis;
 
 mod accuracy;
 mod error;
-mod mesh;
 mod pieces;
 mod place;
 mod report;
 mod sampling;
 mod solve;
+mod source;
 pub use error::FitError;
-pub use mesh::{Caps, fit_mesh};
 pub use place::Placement;
 pub use report::{Components, FitReport, Hausdorff, SourceReport};
 pub use solve::{Sample, least_squares};
+pub use source::{fit_mesh, fit_source};
 
 use sampling::{Images, Target, parts, sample};
 

@@ -132,13 +132,17 @@ pub(super) fn describe(cell: &Cell) -> String {
             );
         }
         if let Some(source) = report.source {
+            let rounded = |c: [f64; 3]| c.map(|c| (c * 1e4).round() / 1e4);
+            let size = match (source.triangles, source.points) {
+                (0, 0) => source.kind.name().to_owned(),
+                (0, points) => format!("{}, {points} samples", source.kind.name()),
+                (triangles, _) => format!("{triangles} triangles ({} caps)", source.caps),
+            };
             let _ = writeln!(
                 text,
-                "source: {} triangles ({} caps), box {:?} to {:?}, {:.1} % of its area inside",
-                source.triangles,
-                source.caps,
-                source.box_min.map(|c| (c * 1e4).round() / 1e4),
-                source.box_max.map(|c| (c * 1e4).round() / 1e4),
+                "source: {size}, box {:?} to {:?}, {:.1} % inside",
+                rounded(source.box_min),
+                rounded(source.box_max),
                 100.0 * source.share_inside
             );
         }

@@ -3,8 +3,9 @@
 use super::{Answer, Failure, Session};
 use crate::cell::{Cell, Surface};
 use crate::frame::Element;
-use crate::io::{read_cell, read_mesh, write_cell};
-use crate::pipeline;
+use crate::io::{read_cell, write_cell};
+use crate::pipeline::{self, RunError, Warning};
+use crate::progress::Threads;
 use crate::recipe::CellSection;
 use clap::Args;
 use serde_json::json;
@@ -13,8 +14,11 @@ use std::path::{Path, PathBuf};
 
 #[derive(Args)]
 pub(super) struct Parameters {
-    /// A closed mesh (.stl, .obj, .ply, .3mf), a .cell file, or the name of a surface (`schwarz_p`,
-    /// `diamond`, `iwp`, `neovius`, `f_rd`).
+    /// What the cell is made from: triangles (.stl, .obj, .ply, .3mf), points with normals (.ply, .xyz,
+    /// .csv), voxels (.npy, .vdb), struts and plates (.toml, .json), a .cell file; the name of a surface
+    /// (`schwarz_p`, `diamond`, `iwp`, `neovius`, `f_rd`), of a strut graph (`sc`, `bcc`, `fcc`, `octet`,
+    /// `kelvin`, `diamond_struts`, `cross`, `edges`, `spokes`, `axes`), of plates (`face_plates`,
+    /// `sc_plates`, `bcc_plates`, `fcc_plates`); or a formula in x, y, z, negative inside.
     input: PathBuf,
     /// The cell to write.
     #[arg(short, long, value_name = "X.cell")]
@@ -28,14 +32,10 @@ pub(super) struct Parameters {
 
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     let threads = super::session::threads(p.threads)?;
-    let cell = threads.install(|| make(p, session))?;
-    let cell =
-        pipeline::levelled(cell, &p.cell).map_err(|e| Failure::data(&p.input, e.to_string()))?;
+    let (cell, warnings) = threads.install(|| make(p, &threads, session))?;
     let bytes = write_cell(&p.output, &cell)?;
-    if let Some(report) = cell.report() {
-        for message in report.warnings.clone() {
-            session.warn_of(pipeline::Warning::CELL, message)?;
-        }
+    for warning in warnings {
+        session.warn_of(warning.code, warning.message)?;
     }
     let mut text = super::cell::describe(&cell);
     let _ = write!(text, "{}  {}", p.output.display(), super::run::size(bytes));
@@ -45,35 +45,47 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
     Ok(Answer::new(text, facts))
 }
 
-fn make(p: &Parameters, session: &Session) -> Result<Cell, Failure> {
-    let element = p.cell.element.map_or(Element::Hex, Element::from);
+fn make(
+    p: &Parameters,
+    threads: &Threads,
+    session: &Session,
+) -> Result<(Cell, Vec<Warning>), Failure> {
+    let (section, element) = section(&p.input, &p.cell)?;
     let name = stem(&p.output);
-    if let Some(cell) = surface(&p.input, p.cell.element.map(Element::from))? {
-        return Ok(cell.named(&name));
+    let vdb = crate::vdb::Session::new(threads, session);
+    let made = pipeline::make_cell(&name, &section, element, vdb);
+    made.map_err(|e| of_input(e, &p.input))
+}
+
+/// The section that an input and flags make together, and the element that they mean.
+pub(super) fn section(
+    input: &Path,
+    flags: &CellSection,
+) -> Result<(CellSection, Element), Failure> {
+    let mut section = flags.clone();
+    pipeline::enter_source(input, &mut section)?;
+    let asked = section.element.map(Element::from);
+    let element = match asked {
+        Some(element) => element,
+        None if section.file.is_some() => read_cell(input)?.element(),
+        None => match surface(input, None)? {
+            Some(cell) => cell.element(),
+            None => Element::Hex,
+        },
+    };
+    if let Some(file) = &section.voxels {
+        super::vdb::inspect_voxels(&file.path)?;
     }
-    let extension = p.input.extension().and_then(|e| e.to_str());
-    if extension == Some("cell") {
-        return Ok(read_cell(&p.input)?.named(&name));
+    Ok((section, element))
+}
+
+/// A fault of the cell's source as one of the input that names it.
+pub(super) fn of_input(error: RunError, input: &Path) -> Failure {
+    match error {
+        RunError::Cancelled(_) => Failure::stopped(130),
+        RunError::Cell { fault, .. } => Failure::data(input, fault.to_string()),
+        error => error.into(),
     }
-    let file = read_mesh(&p.input)?;
-    for message in file.warnings {
-        session.warn_of(pipeline::Warning::MESH, message)?;
-    }
-    if file.mesh.is_empty() {
-        return Err(Failure::data(
-            &p.input,
-            "found no triangles; expected a closed mesh",
-        ));
-    }
-    let (_, repairs) = crate::mesh::MeshSolid::repaired(file.mesh.clone())
-        .map_err(|e| Failure::data(&p.input, e.to_string()))?;
-    for message in repairs {
-        session.warn_of(pipeline::Warning::MESH, message)?;
-    }
-    pipeline::fit(&name, &p.cell, element, &file.mesh, session).map_err(|e| match e {
-        crate::cell::FitError::Cancelled(_) => Failure::stopped(130),
-        e => Failure::data(&p.input, e.to_string()),
-    })
 }
 
 /// The surface that an argument names, unless it is a file; on the hex, or the tet where the surface

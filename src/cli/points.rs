@@ -7,6 +7,9 @@ use std::path::Path;
 
 /// Reads points; every coordinate is finite.
 pub(super) fn read(path: &Path) -> Result<Vec<[f64; 3]>, Failure> {
+    if path.extension().is_some_and(|e| e == "npy") {
+        return finite(path, npy(path)?);
+    }
     let mut bytes = Vec::new();
     let standard_input = path == Path::new("-");
     let read = if standard_input {
@@ -16,7 +19,6 @@ pub(super) fn read(path: &Path) -> Result<Vec<[f64; 3]>, Failure> {
     };
     read.map_err(|e| ReadError::io(path, e))?;
     let points = match path.extension().and_then(|e| e.to_str()) {
-        Some("npy") => npy(path, &bytes)?,
         Some("csv") => csv(path, &bytes)?,
         _ if standard_input => csv(path, &bytes)?,
         _ => {
@@ -24,6 +26,10 @@ pub(super) fn read(path: &Path) -> Result<Vec<[f64; 3]>, Failure> {
             return Err(Failure::data(path, message));
         }
     };
+    finite(path, points)
+}
+
+fn finite(path: &Path, points: Vec<[f64; 3]>) -> Result<Vec<[f64; 3]>, Failure> {
     let bad = points.iter().position(|p| p.iter().any(|c| !c.is_finite()));
     match bad {
         Some(n) => {
@@ -69,56 +75,12 @@ fn csv(path: &Path, bytes: &[u8]) -> Result<Vec<[f64; 3]>, ReadError> {
     Ok(points)
 }
 
-/// `NumPy`'s format 1 to 3, little-endian f4 or f8, C or Fortran order.
-fn npy(path: &Path, bytes: &[u8]) -> Result<Vec<[f64; 3]>, ReadError> {
-    let bad = |found: String, expected: &str| ReadError::data(path, Place::File, found, expected);
-    if bytes.get(..6) != Some(b"\x93NUMPY") {
-        return Err(bad("another kind of file".into(), "a .npy file"));
+fn npy(path: &Path) -> Result<Vec<[f64; 3]>, ReadError> {
+    let array = crate::io::read_npy(path)?;
+    if array.shape.len() != 2 || array.shape[1] != 3 {
+        let found = format!("shape {:?}", array.shape);
+        return Err(ReadError::data(path, Place::File, found, "shape [n, 3]"));
     }
-    let version = bytes.get(6).copied().unwrap_or(0);
-    let wide = version >= 2;
-    let (length, start): (usize, usize) = if wide {
-        let n = bytes.get(8..12).and_then(|b| b.try_into().ok());
-        (n.map_or(usize::MAX, |b| u32::from_le_bytes(b) as usize), 12)
-    } else {
-        let n = bytes.get(8..10).and_then(|b| b.try_into().ok());
-        (n.map_or(usize::MAX, |b| u16::from_le_bytes(b) as usize), 10)
-    };
-    let header = start
-        .checked_add(length)
-        .and_then(|end| bytes.get(start..end))
-        .ok_or_else(|| bad("a header beyond the end of the file".into(), "a whole file"))?;
-    let data = &bytes[start + length..];
-    let header = String::from_utf8_lossy(header).replace(' ', "");
-    let after = |key: &str| header.split_once(key).map_or("", |p| p.1);
-    let size = match after("'descr':'").split('\'').next() {
-        Some("<f8") => 8,
-        Some("<f4") => 4,
-        other => {
-            let found = format!("values of type {other:?}");
-            return Err(bad(found, "little-endian floats: <f8 or <f4"));
-        }
-    };
-    let shape = after("'shape':(").split(')').next().unwrap_or("");
-    let dimensions: Vec<usize> = shape.split(',').filter_map(|n| n.parse().ok()).collect();
-    let [count, 3] = dimensions[..] else {
-        return Err(bad(format!("shape ({shape})"), "shape (n, 3)"));
-    };
-    if count.checked_mul(3 * size) != Some(data.len()) {
-        let found = format!("{} bytes for {count} points", data.len());
-        return Err(bad(found, "three values a point"));
-    }
-    let value = |n: usize| {
-        let at = &data[n * size..(n + 1) * size];
-        match at.try_into() {
-            Ok(b) => f64::from_le_bytes(b),
-            Err(_) => at
-                .try_into()
-                .map_or(f64::NAN, |b| f64::from(f32::from_le_bytes(b))),
-        }
-    };
-    let fortran = after("'fortran_order':").starts_with("True");
-    Ok((0..count)
-        .map(|n| [0, 1, 2].map(|a| value(if fortran { a * count + n } else { 3 * n + a })))
-        .collect())
+    let rows = array.values.chunks_exact(3);
+    Ok(rows.map(|r| [r[0], r[1], r[2]]).collect())
 }

@@ -31,6 +31,11 @@ pub(super) struct Parameters {
 
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     let recipe = Recipe::read(&p.recipe, &p.set)?;
+    for cell in recipe.sections().cell.values() {
+        if let Some(file) = &cell.voxels {
+            super::vdb::inspect_voxels(&recipe.resolve(&file.path))?;
+        }
+    }
     let options = RunOptions {
         threads: p.threads,
         memory: p.memory,

@@ -48,3 +48,14 @@ pub(super) fn level_set(path: &Path, session: vdb::Session<'_>) -> Result<LevelS
     inspect(path)?;
     Ok(LevelSet::read(path, None, session)?)
 }
+
+/// Looks into voxels that a cell is made from, if they are a `.vdb`, by a child.
+pub(super) fn inspect_voxels(path: &Path) -> Result<(), Failure> {
+    let is_vdb = path
+        .extension()
+        .is_some_and(|e| e.eq_ignore_ascii_case("vdb"));
+    if is_vdb {
+        inspect(path)?;
+    }
+    Ok(())
+}

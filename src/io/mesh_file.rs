@@ -96,6 +96,18 @@ pub fn sniff(head: &[u8]) -> Option<(&'static str, &'static str)> {
     }
 }
 
+/// Whether a file is a `.ply` of points without faces.
+///
+/// # Errors
+/// [`ReadError`] for a `.ply` that is missing or has no header.
+pub fn is_point_cloud(path: impl AsRef<Path>) -> Result<bool, ReadError> {
+    let path = path.as_ref();
+    if MeshFormat::of(path) != Some(MeshFormat::Ply) {
+        return Ok(false);
+    }
+    ply::is_cloud(Source::open(path)?)
+}
+
 /// Reads a mesh; the format follows from the extension, and a content that contradicts it is named.
 ///
 /// # Errors

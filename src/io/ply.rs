@@ -1,8 +1,9 @@
 //! PLY: a header that describes itself, then text or binary of either byte order.
 //!
 //! Read are the properties x, y, z of `vertex` and the list `vertex_indices` (or `vertex_index`) of
-//! `face`; everything else is passed over.
+//! `face`, of point clouds nx, ny, nz; everything else is passed over.
 
+use super::cloud::PointFile;
 use super::mesh_file::MeshFile;
 use super::polygon::Polygons;
 use super::source::quote;
@@ -79,6 +80,7 @@ struct Property {
 #[derive(Clone, Copy, PartialEq)]
 enum Role {
     Axis(usize),
+    Normal(usize),
     Corners,
     None,
 }
@@ -179,33 +181,70 @@ fn property(words: &[&str], layer: &str) -> Option<Property> {
         ("vertex", false, "x") => Role::Axis(0),
         ("vertex", false, "y") => Role::Axis(1),
         ("vertex", false, "z") => Role::Axis(2),
+        ("vertex", false, "nx") => Role::Normal(0),
+        ("vertex", false, "ny") => Role::Normal(1),
+        ("vertex", false, "nz") => Role::Normal(2),
         ("face", true, "vertex_indices" | "vertex_index") => Role::Corners,
         _ => Role::None,
     };
     Some(Property { length, kind, role })
 }
 
+impl Header {
+    fn has(&self, layer: &str, role: Role) -> bool {
+        let own = |l: &Layer| l.name == layer && l.properties.iter().any(|p| p.role == role);
+        self.layers.iter().any(own)
+    }
+}
+
+/// What stands below a header.
+struct Content {
+    points: Vec<Vec3>,
+    normals: Vec<Vec3>,
+    faces: Polygons,
+    /// Bytes after the last element.
+    left: u64,
+}
+
+/// Whether a PLY file holds points and no faces.
+pub(super) fn is_cloud(mut source: Source) -> Result<bool, ReadError> {
+    let header = header(&mut source)?;
+    let faces = header
+        .layers
+        .iter()
+        .any(|l| l.name == "face" && l.count > 0);
+    Ok(!(faces && header.has("face", Role::Corners)))
+}
+
+pub(super) fn read_points(mut source: Source) -> Result<PointFile, ReadError> {
+    let header = header(&mut source)?;
+    for (axis, name) in ["nx", "ny", "nz"].into_iter().enumerate() {
+        if !(header.has("vertex", Role::Axis(axis)) && header.has("vertex", Role::Normal(axis))) {
+            let found = format!("no property {name} of vertex, or none of its place");
+            return Err(source
+                .bad(found, "vertex x, y, z, nx, ny, nz")
+                .with_hint("the inside is known by the normals: give every point its own"));
+        }
+    }
+    let content = content(&mut source, &header)?;
+    Ok(PointFile {
+        points: content.points,
+        normals: content.normals,
+    })
+}
+
 pub(super) fn read(mut source: Source) -> Result<MeshFile, ReadError> {
-    let Header {
-        format,
-        layers,
-        unit,
-    } = header(&mut source)?;
-    let has = |layer: &str, role: Role| {
-        layers
-            .iter()
-            .any(|l| l.name == layer && l.properties.iter().any(|p| p.role == role))
-    };
+    let header = header(&mut source)?;
     for (layer, role, name) in [
         ("vertex", Role::Axis(0), "x"),
         ("vertex", Role::Axis(1), "y"),
         ("vertex", Role::Axis(2), "z"),
         ("face", Role::Corners, "vertex_indices"),
     ] {
-        if !has(layer, role) {
+        if !header.has(layer, role) {
             let found = format!("no property {name} of {layer}");
             let hint = if layer == "face" {
-                "a point cloud is not a mesh"
+                "a point cloud is not a mesh: fit it as points"
             } else {
                 "the header is damaged"
             };
@@ -214,9 +253,26 @@ pub(super) fn read(mut source: Source) -> Result<MeshFile, ReadError> {
                 .with_hint(hint));
         }
     }
-    let mut vertices = Vec::new();
+    let content = content(&mut source, &header)?;
+    let mut warnings = content.faces.dropped_warning();
+    if content.left > 0 {
+        let left = content.left;
+        warnings.push(format!("{left} bytes after the last element; passed over"));
+    }
+    let mesh = content.faces.mesh(content.points, source.path())?;
+    Ok(MeshFile {
+        mesh,
+        unit: header.unit,
+        warnings,
+    })
+}
+
+fn content(source: &mut Source, header: &Header) -> Result<Content, ReadError> {
+    let format = header.format;
+    let (mut points, mut normals) = (Vec::new(), Vec::new());
+    let has_normals = header.has("vertex", Role::Normal(0));
     let mut faces = Polygons::default();
-    for layer in layers.iter().filter(|l| !l.properties.is_empty()) {
+    for layer in header.layers.iter().filter(|l| !l.properties.is_empty()) {
         let least: usize = match format {
             // A digit and a separator each; the last line may lack its end.
             Format::Text => 2 * layer.properties.len() - 1,
@@ -229,8 +285,8 @@ pub(super) fn read(mut source: Source) -> Result<MeshFile, ReadError> {
         let count = source.count(layer.count, least as u64, &layer.name)?;
         let is_vertex = layer.name == "vertex";
         for n in 0..count {
-            let mut row = Row::next(&mut source, format, layer, n)?;
-            let mut point = Vec3::zeros();
+            let mut row = Row::next(source, format, layer, n)?;
+            let (mut point, mut normal) = (Vec3::zeros(), Vec3::zeros());
             for p in &layer.properties {
                 let length = match p.length {
                     None => 1,
@@ -239,6 +295,7 @@ pub(super) fn read(mut source: Source) -> Result<MeshFile, ReadError> {
                 for _ in 0..length {
                     match p.role {
                         Role::Axis(a) => point[a] = row.coordinate(p.kind)?,
+                        Role::Normal(a) => normal[a] = row.number(p.kind)?,
                         Role::Corners => faces.corner(row.index(p.kind)?),
                         Role::None => row.skip(p.kind)?,
                     }
@@ -248,22 +305,19 @@ pub(super) fn read(mut source: Source) -> Result<MeshFile, ReadError> {
                 }
             }
             if is_vertex {
-                vertices.push(point);
+                points.push(point);
+                if has_normals {
+                    normals.push(normal);
+                }
             }
         }
     }
-    let mut warnings = faces.dropped_warning();
-    if format != Format::Text && source.remaining() > 0 && source.size() != u64::MAX {
-        warnings.push(format!(
-            "{} bytes after the last element; passed over",
-            source.remaining()
-        ));
-    }
-    let mesh = faces.mesh(vertices, source.path())?;
-    Ok(MeshFile {
-        mesh,
-        unit,
-        warnings,
+    let known = format != Format::Text && source.size() != u64::MAX;
+    Ok(Content {
+        points,
+        normals,
+        faces,
+        left: if known { source.remaining() } else { 0 },
     })
 }
 

@@ -148,3 +148,19 @@ impl Soup {
         found
     }
 }
+
+/// Distances to triangles, any of which may be a segment (two corners the same) or a point.
+pub(crate) struct Distances(Soup);
+
+impl Distances {
+    /// Prepares finite triangles.
+    pub(crate) fn new(triangles: &[[Vec3; 3]]) -> Self {
+        let numbered: Vec<_> = triangles.iter().copied().zip(0u32..).collect();
+        Self(Soup::new(&numbered))
+    }
+
+    /// Distance to the nearest one.
+    pub(crate) fn distance(&self, p: Vec3) -> f64 {
+        self.0.closest(p, None).0.distance
+    }
+}

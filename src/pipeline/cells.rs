@@ -1,33 +1,17 @@
-//! Cells of a recipe: from a mesh, a named surface or a file to a level and a side that is solid.
+//! Cells of a recipe: from their source to a level and a side that is solid.
 
 use super::error::RunError;
 use super::inputs::Inputs;
 use super::operate::Bench;
 use super::report::Warning;
 use super::shape::Shape;
-use crate::cell::{
-    Caps, Cell, CellError, FitError, FitOptions, Placement, Solid, Surface, Table, fit_mesh,
-};
-use crate::frame::{Aabb, Element, Vec3};
-use crate::progress::Progress;
-use crate::recipe::{self, CellPlace, CellSection};
+use super::source::{CellFault, Found, Reader};
+use crate::cell::{Cell, Solid, Table};
+use crate::frame::Element;
+use crate::recipe::{self, CellSection};
 use crate::scaffold::{Connectivity, Kind, Scaffold};
 use crate::tiling::{TiledSolid, TilingOptions};
-use std::path::Path;
-
-/// Why a cell of a recipe cannot be made.
-#[derive(Debug, thiserror::Error)]
-pub enum CellFault {
-    /// A level, a surface, a lattice.
-    #[error(transparent)]
-    Cell(#[from] CellError),
-    /// The fit to a mesh.
-    #[error(transparent)]
-    Fit(#[from] FitError),
-    /// What the recipe asks for cannot be.
-    #[error("{0}")]
-    Rule(String),
-}
+use crate::vdb::Session;
 
 /// Makes the cell that a section describes, for an element.
 pub(super) fn make(
@@ -35,7 +19,7 @@ pub(super) fn make(
     key: &str,
     section: &CellSection,
     element: Element,
-    progress: &dyn Progress,
+    session: Session,
 ) -> Result<Cell, RunError> {
     let fail = |fault: CellFault| RunError::Cell {
         key: key.to_owned(),
@@ -49,84 +33,65 @@ pub(super) fn make(
         ))));
     }
     let name = key.rsplit('.').next().unwrap_or(key);
-    let cell = if let Some(file) = &section.mesh {
-        let mesh_key = format!("{key}.mesh");
-        let path = inputs.recipe.resolve(&file.path);
-        let mesh = inputs.read_cell_mesh(&mesh_key, file)?;
-        let cell = fit(name, section, element, &mesh, progress).map_err(|e| fit_fault(e, key))?;
-        note(inputs, &mesh_key, &path, &cell)?;
-        cell
-    } else if let Some(file) = &section.file {
-        let path = inputs.recipe.resolve(&file.path);
-        let cell = crate::io::read_cell(&path)?;
-        if cell.element() != element {
-            return Err(fail(CellFault::Rule(format!(
-                "{} is a cell for a {}, the scaffold has {} elements",
-                path.display(),
-                cell.element().name(),
-                element.name()
-            ))));
-        }
-        inputs.record(&format!("{key}.file"), &path, element_box(element))?;
-        cell.named(name)
-    } else {
-        let wanted = section.surface.as_deref().unwrap_or_default();
-        named_surface(wanted, element).map_err(fail)?.named(name)
+    let recipe = inputs.recipe;
+    let reader = Reader {
+        resolve: &|path| recipe.resolve(path),
+        session,
     };
+    let mut found = Found::default();
+    let cell = reader.cell(name, section, element, &mut found);
+    let cell = cell.map_err(|e| e.of(key))?;
+    let mut own = key.to_owned();
+    if let Some((word, path, bounds)) = found.file {
+        own = format!("{key}.{word}");
+        inputs.record(&own, &path, bounds)?;
+    }
+    for Warning { code, message } in found.warnings {
+        inputs.warn(code, format!("{own}: {message}"))?;
+    }
     levelled(cell, section).map_err(fail)
 }
 
-/// A surface by its name.
-pub(super) fn named_surface(name: &str, element: Element) -> Result<Cell, CellFault> {
-    let surface = Surface::from_name(name).ok_or_else(|| {
-        let known: Vec<&str> = Surface::ALL.iter().map(|s| s.name()).collect();
-        CellFault::Rule(format!(
-            "no surface is named {name:?}; expected one of {}",
-            known.join(", ")
-        ))
-    })?;
-    Ok(surface.cell(element)?)
-}
-
-/// Fits a cell to a mesh as a section (of a recipe or of a command line) says.
+/// Makes the cell that a section (of a command line, say) describes, its level found; paths are relative
+/// to the working directory. Gives what was odd, too.
 ///
 /// # Errors
-/// When the mesh cannot be placed, closed or fitted, or the section's level cannot be reached.
-pub fn fit(
+/// [`RunError`]: no source, or more than one; what the source, the fit or the level refuse.
+pub fn make_cell(
     name: &str,
     section: &CellSection,
     element: Element,
-    mesh: &crate::mesh::TriMesh,
-    progress: &dyn Progress,
-) -> Result<Cell, FitError> {
-    let default = FitOptions::default();
-    let options = FitOptions {
-        band_limit: section.band_limit.map_or(default.band_limit, |r| r.0),
-        samples: section.samples.map_or(default.samples, |n| n as usize),
-        ..default
+    session: Session,
+) -> Result<(Cell, Vec<Warning>), RunError> {
+    let reader = Reader {
+        resolve: &std::path::Path::to_path_buf,
+        session,
     };
-    let place = section
-        .place
-        .as_ref()
-        .map_or(Placement::Reference, placement);
-    let caps = match section.caps.unwrap_or_default() {
-        recipe::Caps::Exclude => Caps::Exclude,
-        recipe::Caps::Keep => Caps::Keep,
-    };
-    fit_mesh(name, element, mesh, &place, caps, &options, progress)
+    let mut found = Found::default();
+    let cell = reader.cell(name, section, element, &mut found);
+    let cell = cell.map_err(|e| e.of(name))?;
+    let cell = levelled(cell, section).map_err(|fault| RunError::Cell {
+        key: name.to_owned(),
+        fault,
+    })?;
+    Ok((cell, found.warnings))
 }
 
-fn placement(place: &CellPlace) -> Placement {
-    match place {
-        CellPlace::Reference => Placement::Reference,
-        CellPlace::Fit => Placement::Fit,
-        CellPlace::Similarity(s) => Placement::Similarity {
-            scale: s.scale.0,
-            rotate: s.rotate.map(|r| r.0),
-            translate: Vec3::from(s.translate.map(|t| t.0)),
-        },
-        CellPlace::Vertices(v) => Placement::Vertices(v.iter().map(|p| Vec3::from(*p)).collect()),
-    }
+/// The source that a section describes, for an element; paths are relative to the working directory.
+///
+/// # Errors
+/// As [`make_cell`].
+pub fn read_source(
+    section: &CellSection,
+    element: Element,
+    session: Session,
+) -> Result<crate::cell::Source, RunError> {
+    let reader = Reader {
+        resolve: &std::path::Path::to_path_buf,
+        session,
+    };
+    let source = reader.source(section, element, &mut Found::default());
+    source.map_err(|e| e.of("source"))
 }
 
 /// The cell with another side solid, at a level that is still to be found.
@@ -168,36 +133,6 @@ pub fn levelled(cell: Cell, section: &CellSection) -> Result<Cell, CellFault> {
         cell = cell.inverted();
     }
     Ok(cell)
-}
-
-/// Notes where a cell's source stands, and what its fit warns of.
-fn note(inputs: &mut Inputs, key: &str, path: &Path, cell: &Cell) -> Result<(), RunError> {
-    let Some(report) = cell.report() else {
-        return Ok(());
-    };
-    let bounds = report.source.map_or(Aabb::EMPTY, |s| Aabb {
-        min: Vec3::from(s.box_min),
-        max: Vec3::from(s.box_max),
-    });
-    inputs.record(key, path, bounds)?;
-    for warning in report.warnings.clone() {
-        inputs.warn(Warning::CELL, format!("{key}: {warning}"))?;
-    }
-    Ok(())
-}
-
-fn fit_fault(error: FitError, key: &str) -> RunError {
-    match error {
-        FitError::Cancelled(c) => RunError::Cancelled(c),
-        error => RunError::Cell {
-            key: key.to_owned(),
-            fault: CellFault::Fit(error),
-        },
-    }
-}
-
-fn element_box(element: Element) -> Aabb {
-    Aabb::of(element.vertices())
 }
 
 /// What a report says of a cell.

@@ -1,6 +1,6 @@
 //! Why a run stopped: the stage's own error, or a rule that only the whole run knows.
 
-use super::cells::CellFault;
+use super::source::CellFault;
 use crate::band::BandError;
 use crate::frame::Aabb;
 use crate::io::{ReadError, WriteError};

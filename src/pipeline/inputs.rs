@@ -50,22 +50,6 @@ impl<'a> Inputs<'a> {
         Ok(solid)
     }
 
-    /// Reads the mesh of a cell: its numbers are reference coordinates, whatever their unit.
-    pub fn read_cell_mesh(&mut self, key: &str, file: &FileFrame) -> Result<TriMesh, RunError> {
-        let path = self.recipe.resolve(&file.path);
-        let read = crate::io::read_mesh(&path)?;
-        for warning in read.warnings {
-            self.warn(Warning::MESH, format!("{key}: {warning}"))?;
-        }
-        let mesh = framed(&read.mesh, file, None, self.recipe.unit());
-        filled(&mesh, &path)?;
-        let (_, repairs) = MeshSolid::repaired(mesh.clone()).map_err(|e| hopeless(&path, &e))?;
-        for repair in repairs {
-            self.warn(Warning::MESH, format!("{key}: {repair}"))?;
-        }
-        Ok(mesh)
-    }
-
     /// Notes an input for the report.
     pub fn record(&mut self, key: &str, path: &Path, bounds: Aabb) -> Result<(), RunError> {
         let (_, hash) = digest(path)?;

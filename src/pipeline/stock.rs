@@ -14,6 +14,7 @@ use crate::recipe::{
 };
 use crate::scaffold::{Kind, Scaffold};
 use crate::tiling::{self, TiledSolid, TilingOptions};
+use crate::vdb::Session;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
@@ -53,7 +54,7 @@ impl<'a> Stock<'a> {
         threads.install(|| {
             progress.stage("read", None);
             stock.load_solids()?;
-            stock.load_tiling(progress)
+            stock.load_tiling(Session::new(threads, progress))
         })?;
         stock.inputs.compare_boxes()?;
         Ok(stock)
@@ -81,7 +82,7 @@ impl<'a> Stock<'a> {
         Ok(())
     }
 
-    fn load_tiling(&mut self, progress: &dyn Progress) -> Result<(), RunError> {
+    fn load_tiling(&mut self, session: Session) -> Result<(), RunError> {
         let sections = self.recipe.sections();
         let (Some(section), Some(tiling)) = (&sections.scaffold, &sections.tiling) else {
             return Ok(());
@@ -94,9 +95,9 @@ impl<'a> Stock<'a> {
             return Err(RunError::Mixed(names.join(" and ")));
         };
         let cell_section = &sections.cell[&tiling.cell];
-        progress.stage("cell", None);
+        session.progress.stage("cell", None);
         let key = format!("cell.{}", tiling.cell);
-        let cell = cells::make(&mut self.inputs, &key, cell_section, element, progress)?;
+        let cell = cells::make(&mut self.inputs, &key, cell_section, element, session)?;
         let table = Table::new(&cell).map_err(|e| RunError::Cell {
             key,
             fault: e.into(),

@@ -10,21 +10,47 @@ use std::borrow::Cow;
 use std::fmt;
 use std::str::FromStr;
 
-/// One unit cell of the palette. Exactly one of `mesh`, `surface` and `file` is its source; at most
-/// one of `level`, `volume_fraction` and `thickness` sets its level.
+/// One unit cell of the palette. Exactly one of `mesh`, `points`, `voxels`, `surface`, `formula`, `graph`,
+/// `plates` and `file` is its source; at most one of `level`, `volume_fraction` and `thickness` sets its level.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
 #[cfg_attr(feature = "cli", derive(clap::Args))]
 #[serde(deny_unknown_fields, default)]
 pub struct CellSection {
-    /// A closed triangle mesh (.stl, .obj, .ply, .3mf) in the element's reference coordinates.
+    /// Triangles (.stl, .obj, .ply, .3mf) in the element's reference coordinates: closed, or open, loose
+    /// and self-intersecting as long as their winding number tells inside from outside.
     #[cfg_attr(feature = "cli", arg(skip))]
     pub mesh: Option<FileRef>,
+    /// Points with outward normals: .ply with nx, ny, nz, or text (.xyz, .pts, .csv, .txt) of lines
+    /// x y z nx ny nz.
+    #[cfg_attr(feature = "cli", arg(skip))]
+    pub points: Option<FileRef>,
+    /// Voxels: a .npy of shape [N, N, N] (or [N, N]) whose sample j stands at j/N - 1/2 along each axis,
+    /// floats negative inside or bool and u1 with 1 inside; or the level set of a .vdb.
+    #[cfg_attr(feature = "cli", arg(skip))]
+    pub voxels: Option<FileRef>,
     /// A named closed-form surface: `schwarz_p`, diamond, iwp, neovius or `f_rd`.
     #[cfg_attr(feature = "cli", arg(skip))]
     pub surface: Option<String>,
+    /// A formula in the reference coordinates x, y, z, negative inside: "hypot(x, y) - 0.2".
+    #[cfg_attr(feature = "cli", arg(skip))]
+    pub formula: Option<String>,
+    /// Struts: sc, bcc, fcc, octet, kelvin, diamond, cross, edges, spokes, axes, or a .toml or .json with
+    /// nodes, edges and radii (faces and thicknesses too).
+    #[cfg_attr(feature = "cli", arg(skip))]
+    pub graph: Option<FileRef>,
+    /// Plates: `face_plates`, `sc_plates`, `bcc_plates`, `fcc_plates`, or a file as for graph.
+    #[cfg_attr(feature = "cli", arg(skip))]
+    pub plates: Option<FileRef>,
     /// A saved `.cell` file.
     #[cfg_attr(feature = "cli", arg(skip))]
     pub file: Option<FileRef>,
+
+    /// Radius of the struts of a graph, in reference lengths [default: 0.1, or the file's own].
+    #[cfg_attr(feature = "cli", arg(long))]
+    pub radius: Option<Positive>,
+    /// Full thickness of plates, in reference lengths [default: 0.1, or the file's own].
+    #[cfg_attr(feature = "cli", arg(long, value_name = "THICKNESS"))]
+    pub plate_thickness: Option<Positive>,
 
     /// The reference element; the scaffold's own when left out.
     #[cfg_attr(feature = "cli", arg(long))]
@@ -215,7 +241,12 @@ impl CellSection {
     pub fn sources(&self) -> Vec<&'static str> {
         let given = [
             ("mesh", self.mesh.is_some()),
+            ("points", self.points.is_some()),
+            ("voxels", self.voxels.is_some()),
             ("surface", self.surface.is_some()),
+            ("formula", self.formula.is_some()),
+            ("graph", self.graph.is_some()),
+            ("plates", self.plates.is_some()),
             ("file", self.file.is_some()),
         ];
         given.iter().filter(|g| g.1).map(|g| g.0).collect()

@@ -5,7 +5,7 @@ use super::op::{Op, Operand};
 use super::output::OutputKind;
 use super::quantity::{Length, Size, Width};
 use super::source::Source;
-use super::{Sections, Solid, VERSION};
+use super::{CellSection, FileRef, Sections, Solid, VERSION};
 
 type Checked = Result<(), RecipeError>;
 
@@ -42,9 +42,13 @@ fn cells(sections: &Sections, source: &Source) -> Checked {
             let found = list(&given);
             return Err(source.fault(
                 &key,
-                format!("{key} needs exactly one source of mesh, surface, file; found {found}"),
+                format!(
+                    "{key} needs exactly one source of mesh, points, voxels, surface, formula, graph, \
+                     plates, file; found {found}"
+                ),
             ));
         }
+        parts(cell, &key, source)?;
         let levels = cell.levels();
         if levels.len() > 1 {
             let found = list(&levels);
@@ -59,6 +63,34 @@ fn cells(sections: &Sections, source: &Source) -> Checked {
                 "a sheet needs its thickness, volume_fraction or level (half its thickness in field units)",
             ));
         }
+    }
+    Ok(())
+}
+
+/// What says something about struts or plates, or is read as a formula.
+fn parts(cell: &CellSection, key: &str, source: &Source) -> Checked {
+    let own = |f: &Option<FileRef>| {
+        f.as_ref().is_some_and(|f| {
+            let extension = f.path.extension().and_then(|e| e.to_str()).unwrap_or("");
+            matches!(extension.to_ascii_lowercase().as_str(), "toml" | "json")
+        })
+    };
+    let mixed = own(&cell.graph) || own(&cell.plates);
+    if cell.radius.is_some() && cell.graph.is_none() && !mixed {
+        return Err(source.fault(
+            &format!("{key}.radius"),
+            "radius belongs to a cell with graph, whose struts it is for",
+        ));
+    }
+    if cell.plate_thickness.is_some() && cell.plates.is_none() && !mixed {
+        return Err(source.fault(
+            &format!("{key}.plate_thickness"),
+            "plate_thickness belongs to a cell with plates",
+        ));
+    }
+    if let Some(text) = &cell.formula {
+        crate::field::Formula::parse(text, &["x", "y", "z"])
+            .map_err(|e| source.fault(&format!("{key}.formula"), e.to_string()))?;
     }
     Ok(())
 }

@@ -3,6 +3,7 @@
 mod figures;
 mod file;
 mod fit;
+mod source;
 mod table;
 
 use druse::cell::{Cell, CellError, Series, Solid, Surface, Table};

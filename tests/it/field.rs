@@ -1,5 +1,7 @@
 //! Laws of `field`: one suite that every world field passes, and the algebra of combinations.
 
+mod formula;
+
 use druse::field::{
     BoxSolid, Complement, Field, Intersection, SampleLattice, Sphere, Union, WorldField,
 };

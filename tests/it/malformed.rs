@@ -4,7 +4,10 @@
 //! again with `DRUSE_MALFORMED` set: there peak memory is that of the reader alone.
 
 use druse::frame::{LengthUnit, Vec3};
-use druse::io::{ErrorClass, ReadError, read_cell, read_mesh, read_scaffold, write_mesh};
+use druse::io::{
+    ErrorClass, ReadError, read_cell, read_mesh, read_npy, read_points, read_scaffold,
+    read_skeleton, write_mesh,
+};
 use druse::mesh::TriMesh;
 use std::fs;
 use std::io::{Read, Write};
@@ -101,6 +104,61 @@ fn stored(names: &[&str]) -> Vec<Vec<u8>> {
     names.iter().map(read).collect()
 }
 
+fn array(path: &Path) -> Result<(), ReadError> {
+    read_npy(path).map(|_| ())
+}
+
+fn graph(path: &Path) -> Result<(), ReadError> {
+    read_skeleton(path, None, None).map(|_| ())
+}
+
+fn cloud(path: &Path) -> Result<(), ReadError> {
+    read_points(path).map(|_| ())
+}
+
+/// An array as numpy writes it: 10 bytes, a header padded to 118, the numbers.
+fn npy(kind: &str, order: &str, shape: &str, bytes: usize) -> Vec<u8> {
+    let header = format!("{{'descr': '{kind}', 'fortran_order': {order}, 'shape': {shape}, }}");
+    let mut out = b"\x93NUMPY\x01\x00\x76\x00".to_vec();
+    out.extend(format!("{header:<117}\n").into_bytes());
+    out.extend((0..bytes).map(|i| (i * 37) as u8));
+    out
+}
+
+fn arrays() -> Vec<Vec<u8>> {
+    vec![
+        npy("<f8", "False", "(5, 5, 5)", 1000),
+        npy("<f4", "True", "(6, 6)", 144),
+        npy("|b1", "False", "(4, 4, 4)", 64),
+    ]
+}
+
+fn text_cloud(header: &str, separator: &str) -> Vec<u8> {
+    let mut out = header.to_owned();
+    for v in TriMesh::ball(Vec3::zeros(), 1.0, 1).vertices() {
+        let row = [v.x, v.y, v.z, v.x, v.y, v.z].map(|c| c.to_string());
+        out.push_str(&(row.join(separator) + "\n"));
+    }
+    out.into_bytes()
+}
+
+fn ply_cloud() -> Vec<u8> {
+    let rows = String::from_utf8(text_cloud("", " ")).unwrap();
+    let names = ["x", "y", "z", "nx", "ny", "nz"].map(|n| format!("property float {n}\n"));
+    let count = rows.lines().count();
+    format!(
+        "ply\nformat ascii 1.0\nelement vertex {count}\n{}end_header\n{rows}",
+        names.concat()
+    )
+    .into_bytes()
+}
+
+const GRAPH_TOML: &[u8] = b"radius = 0.1\nnodes = [[0, 0, 0], [0.5, 0.5, 0.5], [0.5, 0.5, -0.5]]\n\
+    edges = [[0, 1], [0, 2]]\nradii = [0.1, 0.2]\nfaces = [[0, 1, 2]]\nthickness = 0.05\n";
+const GRAPH_JSON: &[u8] =
+    br#"{"radius": 0.1, "nodes": [[0, 0, 0], [0.5, 0.5, 0.5], [0.5, 0.5, -0.5]],
+    "edges": [[0, 1], [0, 2]], "faces": [[0, 1, 2]], "thickness": 0.05}"#;
+
 /// Damage done to the XML within a 3MF rather than to the archive, whose checksum would notice.
 fn threemf_model(path: &Path) -> Result<(), ReadError> {
     let model = fs::read(path).unwrap();
@@ -172,6 +230,22 @@ fn formats() -> Vec<Format> {
             scaffold,
         ),
         row("cell", "cell", cells(), cell),
+        row("npy", "npy", arrays(), array),
+        row("graph toml", "toml", vec![GRAPH_TOML.to_vec()], graph),
+        row("graph json", "json", vec![GRAPH_JSON.to_vec()], graph),
+        row(
+            "points csv",
+            "csv",
+            vec![text_cloud("x,y,z,nx,ny,nz\n", ",")],
+            cloud,
+        ),
+        row(
+            "points xyz",
+            "xyz",
+            vec![text_cloud("# a ball\n", " ")],
+            cloud,
+        ),
+        row("points ply", "ply", vec![ply_cloud()], cloud),
         row(
             "vtu appended",
             "vtu",

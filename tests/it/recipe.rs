@@ -126,10 +126,25 @@ fn unknown_words_name_the_nearest_known_one_and_their_line() {
 
 #[test]
 fn unknown_sources_of_a_cell_list_the_known_ones() {
-    let error = refuse(&FULL.replace("surface = \"schwarz_p\"", "graph = \"octet\""));
-    assert_eq!(line_of(&error), 9);
-    for word in ["mesh", "surface", "file"] {
+    let error = refuse(&FULL.replace("surface = \"schwarz_p\"", "level = 0"));
+    assert_eq!(line_of(&error), 8);
+    for word in ["mesh", "surface", "graph", "formula", "file"] {
         assert!(error.message.contains(word), "{}", error.message);
+    }
+}
+
+#[test]
+fn keys_of_struts_and_formulas_belong_to_them() {
+    let cases = [
+        ("graph = \"octet\"\nradius = 0", "positive"),
+        ("surface = \"iwp\"\nradius = 0.1", "graph"),
+        ("graph = \"octet\"\nplate_thickness = 0.1", "plates"),
+        ("formula = \"x +\"", "column 4"),
+        ("graph = \"octet\"\nformula = \"x\"", "found formula, graph"),
+    ];
+    for (text, word) in cases {
+        let error = refuse(&FULL.replace("surface = \"schwarz_p\"", text));
+        assert!(error.message.contains(word), "{text}: {}", error.message);
     }
 }
 

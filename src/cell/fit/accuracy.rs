@@ -20,13 +20,15 @@ pub(super) struct Extra {
 impl Extra {
     /// Where the source stands, for an error about its absence.
     pub fn hint(&self, element: Element) -> String {
+        let own = element.cell_box();
         self.source.map_or_else(String::new, |s| {
             format!(
-                "; after placement the source fills the box {:?} to {:?}, and the {} lies within \
-                 -0.5 to 0.5",
+                "; after placement the source fills the box {:?} to {:?}, and the {} the box {:?} to {:?}",
                 s.box_min,
                 s.box_max,
-                element.name()
+                element.name(),
+                own.min.as_slice(),
+                own.max.as_slice(),
             )
         })
     }

@@ -1,6 +1,6 @@
 //! Why geometry cannot be fitted.
 
-use crate::cell::CellError;
+use crate::cell::{CellError, SkeletonError, VoxelError};
 use crate::progress::Cancelled;
 
 /// Why geometry cannot be fitted.
@@ -87,6 +87,15 @@ pub enum FitError {
         /// What was given.
         found: f64,
     },
+    /// A mesh that bounds no solid.
+    #[error("mesh: {0}")]
+    Mesh(String),
+    /// Struts or plates that cannot be.
+    #[error(transparent)]
+    Skeleton(#[from] SkeletonError),
+    /// Voxels that cannot be.
+    #[error(transparent)]
+    Voxels(#[from] VoxelError),
     /// A placement that is no map.
     #[error("placement: {0}")]
     Placement(String),

@@ -10,8 +10,8 @@ pub enum Placement {
     /// They are the same.
     #[default]
     Reference,
-    /// The source's bounding box onto the element's bounding cube: centre onto centre, the longest
-    /// edge onto 1, uniformly.
+    /// The source's bounding box onto the element's (the unit cube for tet and hex): centre onto
+    /// centre, longest edge onto longest edge, uniformly.
     Fit,
     /// x -> R (scale x) + translate.
     Similarity {
@@ -28,12 +28,47 @@ pub enum Placement {
 
 /// x -> linear x + offset.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Affine {
+pub(in crate::cell) struct Affine {
     linear: Mat3,
     offset: Vec3,
 }
 
 impl Affine {
+    /// The image of a point.
+    pub fn point(&self, p: Vec3) -> Vec3 {
+        self.linear * p + self.offset
+    }
+
+    /// The box around the image of a box; empty for an empty one.
+    pub fn bounds(&self, b: Aabb) -> Aabb {
+        if b.is_empty() {
+            return b;
+        }
+        let pick =
+            |i: usize| Vec3::from_fn(|a, _| if i >> a & 1 == 1 { b.max[a] } else { b.min[a] });
+        Aabb::of((0..8).map(|i| self.point(pick(i))))
+    }
+
+    /// The inverse map; no placement is singular.
+    pub fn inverse(&self) -> Self {
+        let linear = self.linear.try_inverse().unwrap_or_else(Mat3::identity);
+        Self {
+            linear,
+            offset: -(linear * self.offset),
+        }
+    }
+
+    /// By how much lengths grow: exactly for a similarity, else in the mean.
+    pub fn factor(&self) -> f64 {
+        self.linear.determinant().abs().cbrt()
+    }
+
+    /// Whether distances only change by the factor.
+    pub fn is_similarity(&self) -> bool {
+        let f2 = self.factor().powi(2);
+        (self.linear.tr_mul(&self.linear) - Mat3::from_diagonal_element(f2)).norm() < 1e-9 * f2
+    }
+
     /// The mesh moved; triangles are turned where the map mirrors.
     pub fn mesh(&self, mesh: &TriMesh) -> TriMesh {
         let moved = mesh.mapped(|p| self.linear * p + self.offset);
@@ -47,7 +82,11 @@ impl Affine {
 
 impl Placement {
     /// The map for a source with these bounds.
-    pub(super) fn affine(&self, element: Element, bounds: Aabb) -> Result<Affine, FitError> {
+    pub(in crate::cell) fn affine(
+        &self,
+        element: Element,
+        bounds: Aabb,
+    ) -> Result<Affine, FitError> {
         let fail = |text: String| Err(FitError::Placement(text));
         let (linear, offset) = match self {
             Self::Reference => (Mat3::identity(), Vec3::zeros()),
@@ -56,10 +95,12 @@ impl Placement {
                 if !(longest.is_finite() && longest > 0.0) {
                     return fail(format!("the source's box has the longest edge {longest}"));
                 }
-                let scale = longest.recip();
+                let own = element.cell_box();
+                let scale = (own.max - own.min).max() / longest;
+                let centre = (own.min + own.max) / 2.0;
                 (
                     Mat3::from_diagonal_element(scale),
-                    bounds.centre().0 * -scale,
+                    centre - bounds.centre().0 * scale,
                 )
             }
             Self::Similarity {

@@ -1,5 +1,6 @@
 //! What a fit says about itself.
 
+use crate::cell::SourceKind;
 use serde::{Deserialize, Serialize};
 
 /// How well a cell meets the geometry it was fitted to; lengths in reference units.
@@ -38,7 +39,7 @@ pub struct FitReport {
     /// Pieces of the solid in one element.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub components: Option<Components>,
-    /// What the source is, if it is a mesh.
+    /// What the source is, if it is more than a function.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub source: Option<SourceReport>,
     /// What the user should look at.
@@ -75,17 +76,22 @@ pub struct Components {
     pub cell_void: usize,
 }
 
-/// The mesh a cell was fitted to, in reference coordinates after placement.
+/// What a cell was fitted to, in reference coordinates after placement.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
 pub struct SourceReport {
-    /// Triangles.
+    /// What it was.
+    pub kind: SourceKind,
+    /// Triangles of a mesh.
     pub triangles: usize,
     /// Triangles in a face plane of the element, which count for the inside test only.
     pub caps: usize,
-    /// Least corner of the mesh's box.
+    /// Points of a cloud, or samples of a grid.
+    pub points: usize,
+    /// Least corner of its box.
     pub box_min: [f64; 3],
-    /// Greatest corner of the mesh's box.
+    /// Greatest corner of its box.
     pub box_max: [f64; 3],
-    /// Share of the mesh's area (caps left out) inside the element.
+    /// Share inside the element: of a mesh's area (caps left out), of the points, else of the box.
     pub share_inside: f64,
 }

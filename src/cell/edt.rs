@@ -1,0 +1,131 @@
+//! Exact Euclidean distances on a grid of solid and void samples.
+//!
+//! The squared distance to the nearest sample of one phase is a separable minimum, computed axis by
+//! axis as the lower envelope of parabolas (Felzenszwalb and Huttenlocher 2012) in linear time. The
+//! surface lies half way between samples of different phase, so half a step is taken off.
+
+use rayon::prelude::*;
+
+/// Signed distance of every sample to the surface between solid and void, negative in the solid, in
+/// grid steps; the last axis is fastest. With `periodic` the grid wraps around along every axis.
+///
+/// Without any solid the distance is `f64::INFINITY` everywhere, without any void its negative.
+///
+/// # Panics
+/// If the shape does not hold as many samples as are given.
+///
+/// ```
+/// let row = [false, false, true, true, true, false];
+/// let d = druse::cell::edt::signed_distance(&row, &[6], false);
+/// assert_eq!(d, [1.5, 0.5, -0.5, -1.5, -0.5, 0.5]);
+/// ```
+pub fn signed_distance(solid: &[bool], shape: &[usize], periodic: bool) -> Vec<f64> {
+    assert_eq!(
+        solid.len(),
+        shape.iter().product::<usize>(),
+        "one sample per point of the shape"
+    );
+    let outside = squared(solid, true, shape, periodic);
+    let inside = squared(solid, false, shape, periodic);
+    outside
+        .into_par_iter()
+        .zip(inside)
+        .map(|(to_solid, to_void)| {
+            if to_solid > 0.0 {
+                to_solid.sqrt() - 0.5
+            } else {
+                0.5 - to_void.sqrt()
+            }
+        })
+        .collect()
+}
+
+/// Squared distance, in steps, of every sample to the nearest one of a phase.
+fn squared(solid: &[bool], phase: bool, shape: &[usize], periodic: bool) -> Vec<f64> {
+    let mut values: Vec<f64> = solid
+        .iter()
+        .map(|s| if *s == phase { 0.0 } else { f64::INFINITY })
+        .collect();
+    let mut inner = 1;
+    for &n in shape.iter().rev() {
+        // Lines along this axis: `inner` samples apart, in blocks of n * inner.
+        values.par_chunks_mut(n * inner).for_each_init(
+            || Envelope::new(n, periodic),
+            |envelope, block| {
+                for first in 0..inner {
+                    envelope.line(block, first, inner);
+                }
+            },
+        );
+        inner *= n;
+    }
+    values
+}
+
+/// The lower envelope of parabolas along one line, with its working memory.
+struct Envelope {
+    n: usize,
+    /// Copies of the line that are looked at: three where it wraps around.
+    copies: usize,
+    line: Vec<f64>,
+    /// Parabolas of the envelope and where each begins to be the lowest.
+    apex: Vec<usize>,
+    from: Vec<f64>,
+}
+
+impl Envelope {
+    fn new(n: usize, periodic: bool) -> Self {
+        Self {
+            n,
+            copies: if periodic { 3 } else { 1 },
+            line: Vec::with_capacity(n),
+            apex: Vec::new(),
+            from: Vec::new(),
+        }
+    }
+
+    /// Replaces a line by the minimum over q of its value at q plus (p - q)^2.
+    fn line(&mut self, block: &mut [f64], first: usize, step: usize) {
+        let n = self.n;
+        self.line.clear();
+        self.line.extend((0..n).map(|i| block[first + i * step]));
+        self.apex.clear();
+        self.from.clear();
+        for q in 0..n * self.copies {
+            let value = self.line[q % n];
+            if value == f64::INFINITY {
+                continue;
+            }
+            let at = q as f64;
+            let begin = loop {
+                let Some(&last) = self.apex.last() else {
+                    break f64::NEG_INFINITY;
+                };
+                let other = last as f64;
+                let height = self.line[last % n];
+                let meet = (value + at * at - height - other * other) / (2.0 * (at - other));
+                if meet > self.from[self.apex.len() - 1] {
+                    break meet;
+                }
+                self.apex.pop();
+                self.from.pop();
+            };
+            self.apex.push(q);
+            self.from.push(begin);
+        }
+        if self.apex.is_empty() {
+            return;
+        }
+        // The middle copy sees its neighbours on both sides.
+        let offset = if self.copies == 3 { n } else { 0 };
+        let mut lowest = 0;
+        for i in 0..n {
+            let p = (offset + i) as f64;
+            while lowest + 1 < self.apex.len() && self.from[lowest + 1] < p {
+                lowest += 1;
+            }
+            let q = self.apex[lowest];
+            block[first + i * step] = self.line[q % n] + (p - q as f64).powi(2);
+        }
+    }
+}

@@ -1,0 +1,240 @@
+//! Struts and plates: segments and polygons with a radius, as exact distances.
+//!
+//! phi(x) = min over the parts of (distance to the part) - (its radius): exact outside, and within any
+//! one part; where parts overlap the depth is that of the deepest. Struts have round ends, so that they
+//! join whatever the angle; plates have round rims.
+//!
+//! Coordinates are those of the source, by default the element's reference coordinates. A part may reach
+//! beyond the element.
+
+use crate::frame::{Aabb, Vec3};
+use crate::mesh::Distances;
+
+mod library;
+pub use library::{graphs, plate_sets};
+
+/// Most distinct radii; parts of one radius are searched together.
+const MOST_RADII: usize = 256;
+
+/// Why parts make no skeleton.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum SkeletonError {
+    /// A name that the library does not have for this element.
+    #[error("no {kind} of a {element} is named {name:?}; expected one of {known}")]
+    Unknown {
+        /// "graph" or "plates".
+        kind: &'static str,
+        /// The name asked for.
+        name: String,
+        /// The element.
+        element: &'static str,
+        /// The names that it has.
+        known: String,
+    },
+    /// A strut or plate whose radius is no positive number.
+    #[error("{part} {number}: radius {radius}; expected a positive number of reference lengths")]
+    Radius {
+        /// "edge" or "face".
+        part: &'static str,
+        /// Its number, from 0.
+        number: usize,
+        /// What was given.
+        radius: f64,
+    },
+    /// A corner that is no place.
+    #[error("{part} {number}: a corner is not finite")]
+    NotFinite {
+        /// "edge" or "face".
+        part: &'static str,
+        /// Its number, from 0.
+        number: usize,
+    },
+    /// A plate that is not flat.
+    #[error(
+        "face {number}: corner {corner} lies {off:.3e} beside the plane of the others; expected flat \
+         faces"
+    )]
+    Bent {
+        /// Number of the face, from 0.
+        number: usize,
+        /// Number of the corner, from 0.
+        corner: usize,
+        /// Distance from the plane through the face's centre.
+        off: f64,
+    },
+    /// A polygon of fewer than three corners, or without area.
+    #[error("face {number} has {corners} corners and no area; expected a convex polygon")]
+    NoPolygon {
+        /// Number of the face, from 0.
+        number: usize,
+        /// How many corners.
+        corners: usize,
+    },
+    /// A polygon that is not convex.
+    #[error("face {number} turns back at corner {corner}; expected a convex polygon")]
+    NotConvex {
+        /// Number of the face, from 0.
+        number: usize,
+        /// Number of the corner, from 0.
+        corner: usize,
+    },
+    /// Nothing at all.
+    #[error("no struts and no plates; expected at least one")]
+    Empty,
+    /// More radii than are searched apart.
+    #[error("{0} different radii; expected at most {MOST_RADII}")]
+    TooManyRadii(usize),
+}
+
+/// Struts and plates.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Skeleton {
+    struts: Vec<([Vec3; 2], f64)>,
+    plates: Vec<(Vec<Vec3>, f64)>,
+}
+
+impl Skeleton {
+    /// One without parts.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Adds a strut along a segment.
+    ///
+    /// # Errors
+    /// [`SkeletonError`] for corners that are not finite, or a radius that is not positive.
+    pub fn strut(&mut self, ends: [Vec3; 2], radius: f64) -> Result<(), SkeletonError> {
+        check("edge", self.struts.len(), &ends, radius)?;
+        self.struts.push((ends, radius));
+        Ok(())
+    }
+
+    /// Adds a plate of thickness 2 `radius` around a flat convex polygon.
+    ///
+    /// # Errors
+    /// [`SkeletonError`] for corners that are not finite or span no flat convex polygon, or a radius
+    /// that is not positive.
+    pub fn plate(&mut self, corners: Vec<Vec3>, radius: f64) -> Result<(), SkeletonError> {
+        let number = self.plates.len();
+        check("face", number, &corners, radius)?;
+        let n = corners.len();
+        let none = SkeletonError::NoPolygon { number, corners: n };
+        if n < 3 {
+            return Err(none);
+        }
+        let centre = corners.iter().sum::<Vec3>() / n as f64;
+        let size = corners
+            .iter()
+            .map(|c| (c - centre).norm())
+            .fold(0.0, f64::max);
+        let turn = |i: usize| {
+            let [a, b, c] = [corners[i], corners[(i + 1) % n], corners[(i + 2) % n]];
+            (b - a).cross(&(c - b))
+        };
+        let area: Vec3 = (0..n)
+            .map(|i| (corners[i] - centre).cross(&(corners[(i + 1) % n] - centre)))
+            .sum();
+        let Some(normal) = area.try_normalize(1e-9 * size * size) else {
+            return Err(none);
+        };
+        for (corner, c) in corners.iter().enumerate() {
+            let off = (c - centre).dot(&normal).abs();
+            if off > 1e-6 * size {
+                return Err(SkeletonError::Bent {
+                    number,
+                    corner,
+                    off,
+                });
+            }
+            if turn(corner).dot(&normal) < -1e-9 * size * size {
+                return Err(SkeletonError::NotConvex {
+                    number,
+                    corner: (corner + 1) % n,
+                });
+            }
+        }
+        self.plates.push((corners, radius));
+        Ok(())
+    }
+
+    /// Struts as their ends and radii.
+    pub fn struts(&self) -> &[([Vec3; 2], f64)] {
+        &self.struts
+    }
+
+    /// Plates as their corners and radii (half their thickness).
+    pub fn plates(&self) -> &[(Vec<Vec3>, f64)] {
+        &self.plates
+    }
+
+    /// Its box, radii included.
+    pub fn bounds(&self) -> Aabb {
+        let struts = self.struts.iter().map(|(e, r)| (&e[..], *r));
+        let plates = self.plates.iter().map(|(c, r)| (&c[..], *r));
+        struts.chain(plates).fold(Aabb::EMPTY, |b, (corners, r)| {
+            b.union(Aabb::of(corners.iter().copied()).dilated(r))
+        })
+    }
+
+    /// Its signed distance, ready to be asked.
+    ///
+    /// # Errors
+    /// [`SkeletonError`] when there is no part, or more than 256 different radii.
+    pub(super) fn distances(
+        &self,
+    ) -> Result<impl Fn(Vec3) -> f64 + Send + Sync + use<>, SkeletonError> {
+        let mut parts: Vec<(f64, [Vec3; 3])> = Vec::new();
+        for ([a, b], r) in &self.struts {
+            parts.push((*r, [*a, *b, *b]));
+        }
+        for (corners, r) in &self.plates {
+            let fan =
+                (1..corners.len() - 1).map(|i| (*r, [corners[0], corners[i], corners[i + 1]]));
+            parts.extend(fan);
+        }
+        parts.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let groups: Vec<(f64, Distances)> = parts
+            .chunk_by(|a, b| a.0 == b.0)
+            .map(|same| {
+                let triangles: Vec<[Vec3; 3]> = same.iter().map(|p| p.1).collect();
+                (same[0].0, Distances::new(&triangles))
+            })
+            .collect();
+        if groups.is_empty() {
+            return Err(SkeletonError::Empty);
+        }
+        if groups.len() > MOST_RADII {
+            return Err(SkeletonError::TooManyRadii(groups.len()));
+        }
+        Ok(move |p: Vec3| {
+            groups
+                .iter()
+                .map(|(r, d)| d.distance(p) - r)
+                .fold(f64::INFINITY, f64::min)
+        })
+    }
+}
+
+fn check(
+    part: &'static str,
+    number: usize,
+    corners: &[Vec3],
+    radius: f64,
+) -> Result<(), SkeletonError> {
+    // Larger numbers would overflow when squared.
+    if corners
+        .iter()
+        .flatten()
+        .any(|c| !c.is_finite() || c.abs() > 1e100)
+    {
+        return Err(SkeletonError::NotFinite { part, number });
+    }
+    if radius.is_finite() && radius > 0.0 {
+        return Ok(());
+    }
+    Err(SkeletonError::Radius {
+        part,
+        number,
+        radius,
+    })
+}

@@ -1,0 +1,211 @@
+//! Voxels as sources: samples on the period of the unit cube, scalar or binary.
+//!
+//! Sample (i, j, k) of N^3 stands at u = (i, j, k)/N - 1/2; axis 0 is x. Between samples the value is
+//! trilinear; in hexes and quads the grid repeats with period 1, elsewhere the last sample goes on.
+//! Solid and void samples become a signed distance to the surface half way between them.
+
+use crate::cell::edt;
+use crate::frame::Vec3;
+
+/// Fewest samples along an axis.
+const FEWEST: usize = 4;
+/// Most samples in all.
+const MOST: usize = 1 << 28;
+/// A mean slope this near to 1 is that of a distance.
+const DISTANCE: f64 = 0.15;
+
+/// Why an array makes no voxels.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum VoxelError {
+    /// Neither a cube nor a square of samples.
+    #[error("an array of shape {0:?}; expected [N, N, N] or [N, N]")]
+    Shape(Vec<usize>),
+    /// Too few or too many samples.
+    #[error("{0} samples along an axis; expected {FEWEST} to 645")]
+    Count(usize),
+    /// A value that is no number.
+    #[error("voxel {index:?} is {value}; expected finite numbers")]
+    NotFinite {
+        /// Its place, counted from 0.
+        index: [usize; 3],
+        /// What stands there.
+        value: f64,
+    },
+    /// All voxels on one side.
+    #[error("every voxel is {0}; expected solid (negative, or true) and void")]
+    OneSided(&'static str),
+    /// More frequencies than samples.
+    #[error(
+        "{samples} samples per unit of length are too few for the band limit {band_limit}; expected \
+         at least {needed}, or a band limit below {largest:.1}"
+    )]
+    TooCoarse {
+        /// Samples per unit of reference length.
+        samples: usize,
+        /// R asked for.
+        band_limit: f64,
+        /// Samples that it needs.
+        needed: usize,
+        /// Largest R that these samples hold.
+        largest: f64,
+    },
+}
+
+/// Samples on a cubic or square grid over one period.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Voxels {
+    counts: [usize; 3],
+    values: Vec<f64>,
+    binary: bool,
+}
+
+impl Voxels {
+    /// Voxels from an array of shape [N, N, N] or [N, N], its last axis fastest; scalar values are
+    /// negative in the solid, binary ones not 0 there.
+    ///
+    /// # Errors
+    /// [`VoxelError`].
+    pub fn new(shape: &[usize], values: Vec<f64>, binary: bool) -> Result<Self, VoxelError> {
+        let n = shape.first().copied().unwrap_or(0);
+        let equal = shape.iter().all(|c| *c == n) && matches!(shape.len(), 2 | 3);
+        let total = shape.iter().try_fold(1usize, |t, c| t.checked_mul(*c));
+        if !equal || total != Some(values.len()) {
+            return Err(VoxelError::Shape(shape.to_vec()));
+        }
+        if n < FEWEST || values.len() > MOST {
+            return Err(VoxelError::Count(n));
+        }
+        let counts = [n, n, if shape.len() == 3 { n } else { 1 }];
+        if let Some(at) = values.iter().position(|v| !v.is_finite()) {
+            let [_, ny, nz] = counts;
+            return Err(VoxelError::NotFinite {
+                index: [at / (ny * nz), at / nz % ny, at % nz],
+                value: values[at],
+            });
+        }
+        let solid = |v: &f64| if binary { *v != 0.0 } else { *v < 0.0 };
+        let inside = values.iter().filter(|v| solid(v)).count();
+        if inside == 0 || inside == values.len() {
+            let side = if inside == 0 { "void" } else { "solid" };
+            return Err(VoxelError::OneSided(side));
+        }
+        Ok(Self {
+            counts,
+            values,
+            binary,
+        })
+    }
+
+    /// Samples along each axis; 1 along z for a square.
+    pub fn counts(&self) -> [usize; 3] {
+        self.counts
+    }
+
+    /// The values, z fastest.
+    pub fn values(&self) -> &[f64] {
+        &self.values
+    }
+
+    /// Whether they only tell solid (not 0) from void.
+    pub fn is_binary(&self) -> bool {
+        self.binary
+    }
+
+    /// Signed values at the samples, negative in the solid: themselves, or in units of the period the
+    /// distance to the surface between solid and void.
+    pub fn signed(&self, periodic: bool) -> Vec<f64> {
+        if !self.binary {
+            return self.values.clone();
+        }
+        let solid: Vec<bool> = self.values.iter().map(|v| *v != 0.0).collect();
+        let step = 1.0 / self.counts[0] as f64;
+        // A square has one sample along z, along which nothing changes.
+        let shape = &self.counts[..if self.counts[2] == 1 { 2 } else { 3 }];
+        let mut distance = edt::signed_distance(&solid, shape, periodic);
+        for d in &mut distance {
+            *d *= step;
+        }
+        distance
+    }
+
+    /// The function between the samples, and whether it is a distance.
+    pub(super) fn function(
+        &self,
+        periodic: bool,
+    ) -> (impl Fn(Vec3) -> f64 + Send + Sync + use<>, bool) {
+        let grid = Grid {
+            counts: self.counts,
+            values: self.signed(periodic),
+            periodic,
+        };
+        let exact = self.binary || (grid.mean_slope() - 1.0).abs() < DISTANCE;
+        (move |p| grid.value(p), exact)
+    }
+}
+
+/// Values to be interpolated.
+struct Grid {
+    counts: [usize; 3],
+    values: Vec<f64>,
+    periodic: bool,
+}
+
+impl Grid {
+    fn at(&self, [i, j, k]: [usize; 3]) -> f64 {
+        self.values[(i * self.counts[1] + j) * self.counts[2] + k]
+    }
+
+    fn value(&self, p: Vec3) -> f64 {
+        // The two samples around the point along each axis, and its place between them.
+        let around: [(usize, usize, f64); 3] = std::array::from_fn(|a| {
+            let n = self.counts[a];
+            if n == 1 {
+                return (0, 0, 0.0);
+            }
+            let g = (p[a] + 0.5) * n as f64;
+            let last = (n - 1) as f64;
+            if self.periodic {
+                let g = g.rem_euclid(n as f64);
+                let i = (g.floor() as usize).min(n - 1);
+                (i, (i + 1) % n, g - i as f64)
+            } else {
+                let g = g.clamp(0.0, last);
+                let i = (g.floor() as usize).min(n - 2);
+                (i, i + 1, g - i as f64)
+            }
+        });
+        let [x, y, z] = around;
+        let along_z = |i, j| self.at([i, j, z.0]) * (1.0 - z.2) + self.at([i, j, z.1]) * z.2;
+        let along_y = |i| along_z(i, y.0) * (1.0 - y.2) + along_z(i, y.1) * y.2;
+        along_y(x.0) * (1.0 - x.2) + along_y(x.1) * x.2
+    }
+
+    /// Mean length of the gradient over the grid, by differences of neighbours, near the surface.
+    fn mean_slope(&self) -> f64 {
+        let [nx, ny, nz] = self.counts;
+        let scale = nx as f64;
+        let (mut sum, mut count) = (0.0, 0usize);
+        for i in 0..nx - 1 {
+            for j in 0..ny - 1 {
+                for k in 0..nz.max(2) - 1 {
+                    let v = self.at([i, j, k]);
+                    let dx = self.at([i + 1, j, k]) - v;
+                    let dy = self.at([i, j + 1, k]) - v;
+                    let dz = if nz == 1 {
+                        0.0
+                    } else {
+                        self.at([i, j, k + 1]) - v
+                    };
+                    // Where the surface passes: the slope elsewhere may be anything.
+                    let least = v.min(v + dx).min(v + dy).min(v + dz);
+                    let greatest = v.max(v + dx).max(v + dy).max(v + dz);
+                    if least < 0.0 && greatest >= 0.0 {
+                        sum += Vec3::new(dx, dy, dz).norm() * scale;
+                        count += 1;
+                    }
+                }
+            }
+        }
+        if count == 0 { 0.0 } else { sum / count as f64 }
+    }
+}

@@ -1,0 +1,86 @@
+//! Points with normals: PLY, or text with x y z nx ny nz on a line.
+//!
+//! Text (`.xyz`, `.pts`, `.csv`, `.txt`) is separated by blanks, commas or semicolons; a first line of
+//! names puts the columns in its order, lines that begin with # are passed over, further columns too.
+
+use super::{Place, ReadError, Source, ply, quote};
+use crate::frame::Vec3;
+use std::path::Path;
+
+/// Points and as many normals, of any length.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct PointFile {
+    /// Where.
+    pub points: Vec<Vec3>,
+    /// Outward, not yet of unit length.
+    pub normals: Vec<Vec3>,
+}
+
+/// Extensions of point clouds in text.
+pub const TEXT_CLOUDS: [&str; 4] = ["xyz", "pts", "csv", "txt"];
+
+/// Reads a cloud of points with normals.
+///
+/// # Errors
+/// [`ReadError`] for a missing file, another extension, points without normals, or a line that is none.
+pub fn read_points(path: impl AsRef<Path>) -> Result<PointFile, ReadError> {
+    let path = path.as_ref();
+    let extension = path.extension().and_then(|e| e.to_str()).unwrap_or("");
+    let extension = extension.to_ascii_lowercase();
+    let source = Source::open(path)?;
+    if extension == "ply" {
+        return ply::read_points(source);
+    }
+    if !TEXT_CLOUDS.contains(&extension.as_str()) {
+        let expected = format!("points as .ply, .{}", TEXT_CLOUDS.join(", ."));
+        let found = format!("the extension {extension:?}");
+        return Err(ReadError::data(path, Place::File, found, expected));
+    }
+    text(source)
+}
+
+const COLUMNS: [&str; 6] = ["x", "y", "z", "nx", "ny", "nz"];
+
+fn text(mut source: Source) -> Result<PointFile, ReadError> {
+    let mut file = PointFile::default();
+    let mut columns = [0, 1, 2, 3, 4, 5];
+    let mut first = true;
+    while let Some(line) = source.line()? {
+        let line = line.trim().to_owned();
+        if line.is_empty() || line.starts_with('#') {
+            continue;
+        }
+        let separator = |c: char| c.is_whitespace() || c == ',' || c == ';';
+        let words: Vec<&str> = line.split(separator).filter(|w| !w.is_empty()).collect();
+        let numbers: Option<Vec<f64>> = words.iter().map(|w| w.parse().ok()).collect();
+        let named = std::mem::take(&mut first) && numbers.is_none();
+        if named {
+            let place = |name: &str| words.iter().position(|w| w.eq_ignore_ascii_case(name));
+            for (column, name) in columns.iter_mut().zip(COLUMNS) {
+                let Some(found) = place(name) else {
+                    let hint = "the inside is known by the normals: give every point its own";
+                    let expected = "a header with x, y, z, nx, ny, nz";
+                    return Err(source.bad(quote(&line), expected).with_hint(hint));
+                };
+                *column = found;
+            }
+            continue;
+        }
+        let number = |c: &usize| numbers.as_ref().and_then(|n| n.get(*c)).copied();
+        let row: Option<Vec<f64>> = columns.iter().map(number).collect();
+        let Some(row) = row.filter(|r| r.iter().all(|c| c.is_finite())) else {
+            let error = source.bad(quote(&line), "six numbers: x y z nx ny nz");
+            return Err(if words.len() == 3 {
+                error.with_hint("the inside is known by the normals: give every point its own")
+            } else {
+                error
+            });
+        };
+        file.points.push(Vec3::new(row[0], row[1], row[2]));
+        file.normals.push(Vec3::new(row[3], row[4], row[5]));
+    }
+    if file.points.is_empty() {
+        return Err(source.bad("no points", "lines of x y z nx ny nz"));
+    }
+    Ok(file)
+}

@@ -1,0 +1,150 @@
+//! Strut graphs and plates as text: TOML or JSON.
+//!
+//! ```toml
+//! radius = 0.08                       # of struts without one of their own, reference lengths
+//! nodes = [[0, 0, 0], [0.5, 0.5, 0.5], [0.5, 0.5, -0.5], [0.5, -0.5, -0.5]]
+//! edges = [[0, 1], [0, 2]]            # node numbers, from 0
+//! radii = [0.1, 0.05]                 # one for every edge, or left out
+//! thickness = 0.04                    # of plates without one of their own
+//! faces = [[1, 2, 3]]                 # flat convex polygons
+//! thicknesses = [0.06]                # one for every face, or left out
+//! ```
+
+use super::{Place, ReadError};
+use crate::cell::Skeleton;
+use crate::frame::Vec3;
+use serde::Deserialize;
+use std::path::Path;
+
+/// Larger files are refused before they are read.
+const LARGEST: u64 = 64 << 20;
+
+/// The keys of a graph.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Text {
+    nodes: Vec<[f64; 3]>,
+    #[serde(default)]
+    edges: Vec<[u32; 2]>,
+    radius: Option<f64>,
+    #[serde(default)]
+    radii: Vec<f64>,
+    #[serde(default)]
+    faces: Vec<Vec<u32>>,
+    thickness: Option<f64>,
+    #[serde(default)]
+    thicknesses: Vec<f64>,
+}
+
+/// Reads struts and plates from `.toml` or `.json`; `radius` and `thickness`, where given, stand in the
+/// place of the file's own for all parts together.
+///
+/// # Errors
+/// [`ReadError`] with the line, edge or face: no such file, no graph, a node that does not exist, a part
+/// without radius, a plate that is not flat and convex.
+pub fn read_skeleton(
+    path: impl AsRef<Path>,
+    radius: Option<f64>,
+    thickness: Option<f64>,
+) -> Result<Skeleton, ReadError> {
+    let path = path.as_ref();
+    let whole = |found: String, expected: &str| ReadError::data(path, Place::File, found, expected);
+    let size = std::fs::metadata(path)
+        .map_err(|e| ReadError::io(path, e))?
+        .len();
+    if size > LARGEST {
+        return Err(whole(format!("{size} bytes"), "a graph of at most 64 MiB"));
+    }
+    let bytes = std::fs::read(path).map_err(|e| ReadError::io(path, e))?;
+    let text = String::from_utf8(bytes).map_err(|e| {
+        let byte = Place::Byte(e.utf8_error().valid_up_to() as u64);
+        ReadError::data(path, byte, "bytes that are no UTF-8", "text")
+    })?;
+    let expected = "a graph: nodes, edges, radius, faces, thickness";
+    let extension = path.extension().and_then(|e| e.to_str()).unwrap_or("");
+    let graph: Text = match extension.to_ascii_lowercase().as_str() {
+        "json" => serde_json::from_str(&text).map_err(|e| {
+            ReadError::data(path, Place::Line(e.line() as u64), e.to_string(), expected)
+        })?,
+        "toml" => toml::from_str(&text).map_err(|e| {
+            let line = |s: std::ops::Range<usize>| {
+                let before = text.get(..s.start).unwrap_or(&text);
+                Place::Line(before.matches('\n').count() as u64 + 1)
+            };
+            let place = e.span().map_or(Place::File, line);
+            ReadError::data(path, place, e.message().to_owned(), expected)
+        })?,
+        other => {
+            return Err(whole(
+                format!("the extension {other:?}"),
+                "a .toml or a .json",
+            ));
+        }
+    };
+    skeleton(path, &graph, radius, thickness)
+}
+
+fn skeleton(
+    path: &Path,
+    graph: &Text,
+    radius: Option<f64>,
+    thickness: Option<f64>,
+) -> Result<Skeleton, ReadError> {
+    for (what, own, parts) in [
+        ("radii", graph.radii.len(), graph.edges.len()),
+        ("thicknesses", graph.thicknesses.len(), graph.faces.len()),
+    ] {
+        if own != 0 && own != parts {
+            let expected = format!("as many as there are parts, {parts}, or none");
+            let found = format!("{own} {what}");
+            return Err(ReadError::data(path, Place::File, found, expected));
+        }
+    }
+    let item = |what, n: usize| Place::Item(what, n as u64);
+    let node = |what, n, index: u32| -> Result<Vec3, ReadError> {
+        let known = graph.nodes.get(index as usize);
+        known.map(|p| Vec3::from(*p)).ok_or_else(|| {
+            let found = format!("node {index}");
+            let expected = format!("one of the {} nodes, counted from 0", graph.nodes.len());
+            ReadError::data(path, item(what, n), found, expected)
+        })
+    };
+    let missing = |what, n, key: &str| {
+        let expected = format!("the key {key}, or one for every {what}");
+        ReadError::data(path, item(what, n), format!("no {key}"), expected)
+    };
+    let refused = |what, n, e: crate::cell::SkeletonError| {
+        ReadError::data(path, item(what, n), e.to_string(), "a strut or a plate")
+    };
+    let mut skeleton = Skeleton::new();
+    for (n, [a, b]) in graph.edges.iter().enumerate() {
+        let own = graph.radii.get(n).copied();
+        let r = own
+            .or(radius)
+            .or(graph.radius)
+            .ok_or_else(|| missing("edge", n, "radius"))?;
+        let ends = [node("edge", n, *a)?, node("edge", n, *b)?];
+        skeleton.strut(ends, r).map_err(|e| refused("edge", n, e))?;
+    }
+    for (n, corners) in graph.faces.iter().enumerate() {
+        let own = graph.thicknesses.get(n).copied();
+        let t = own
+            .or(thickness)
+            .or(graph.thickness)
+            .ok_or_else(|| missing("face", n, "thickness"))?;
+        let corners = corners.iter().map(|c| node("face", n, *c));
+        let corners = corners.collect::<Result<_, _>>()?;
+        let added = skeleton.plate(corners, t / 2.0);
+        added.map_err(|e| refused("face", n, e))?;
+    }
+    if graph.edges.is_empty() && graph.faces.is_empty() {
+        let found = "neither edges nor faces";
+        return Err(ReadError::data(
+            path,
+            Place::File,
+            found,
+            "at least one of them",
+        ));
+    }
+    Ok(skeleton)
+}

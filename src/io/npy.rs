@@ -1,0 +1,131 @@
+//! `.npy`: one array of numbers, `NumPy`'s format 1 to 3.
+
+use super::{Place, ReadError, Source, quote};
+use std::path::Path;
+
+/// An array of numbers, its last axis fastest whatever the order in the file.
+#[derive(Clone, Debug, PartialEq)]
+pub struct NpyArray {
+    /// Lengths along the axes.
+    pub shape: Vec<usize>,
+    /// The numbers.
+    pub values: Vec<f64>,
+    /// Whether they were of a type that only tells yes from no: bool or u1.
+    pub binary: bool,
+}
+
+/// Most axes of an array.
+const AXES: usize = 8;
+/// Longest header in bytes.
+const HEADER: usize = 1 << 16;
+/// Most numbers of an array.
+const NUMBERS: u64 = 1 << 30;
+
+/// Reads an array of little-endian f4 or f8, bool or u1, in C or Fortran order.
+///
+/// # Errors
+/// [`ReadError`] for a missing or truncated file, or one that is no such array.
+pub fn read_npy(path: impl AsRef<Path>) -> Result<NpyArray, ReadError> {
+    let mut source = Source::open(path)?;
+    let magic: [u8; 8] = source.array("the first bytes of a .npy file")?;
+    if magic[..6] != *b"\x93NUMPY" {
+        let found = "another kind of file";
+        return Err(ReadError::data(
+            source.path(),
+            Place::File,
+            found,
+            "a .npy file",
+        ));
+    }
+    let length = if magic[6] >= 2 {
+        u32::from_le_bytes(source.array("the length of the header")?) as usize
+    } else {
+        usize::from(u16::from_le_bytes(
+            source.array("the length of the header")?,
+        ))
+    };
+    if length > HEADER || length as u64 > source.remaining() {
+        let found = format!("a header of {length} bytes");
+        return Err(source.bad_byte(found, "a header within the file, of at most 65536 bytes"));
+    }
+    let mut header = vec![0; length];
+    source.exact(&mut header, "the header")?;
+    let header = String::from_utf8_lossy(&header).replace(' ', "");
+    let after = |key: &str| header.split_once(key).map_or("", |p| p.1);
+    let kind = after("'descr':'").split('\'').next().unwrap_or("");
+    let (size, binary) = match kind {
+        "<f8" => (8, false),
+        "<f4" => (4, false),
+        "|b1" | "|u1" | "<u1" => (1, true),
+        other => {
+            let found = format!("values of type {}", quote(other));
+            let expected = "little-endian floats (<f8, <f4), |b1 or |u1";
+            return Err(source.bad_byte(found, expected));
+        }
+    };
+    let text = after("'shape':(").split(')').next().unwrap_or("");
+    let words: Vec<&str> = text.split(',').filter(|w| !w.is_empty()).collect();
+    let shape: Option<Vec<usize>> = words.iter().map(|w| w.parse().ok()).collect();
+    let total = shape
+        .as_ref()
+        .filter(|s| (1..=AXES).contains(&s.len()))
+        .and_then(|s| s.iter().try_fold(1u64, |t, n| t.checked_mul(*n as u64)));
+    let (Some(shape), Some(total)) = (shape, total.filter(|t| *t <= NUMBERS)) else {
+        let found = format!("shape ({})", quote(text));
+        return Err(source.bad_byte(found, "one to 8 lengths, at most 2^30 numbers in all"));
+    };
+    let count = source.count(total, size as u64, "numbers")?;
+    let mut read = Vec::with_capacity(count);
+    let mut buffer = vec![0; size * (1 << 16)];
+    while read.len() < count {
+        let bytes = size * (count - read.len()).min(1 << 16);
+        source.exact(&mut buffer[..bytes], "the array's numbers")?;
+        read.extend(buffer[..bytes].chunks_exact(size).map(number));
+    }
+    if source.remaining() > 0 && source.size() != u64::MAX {
+        let found = format!("{} bytes after the array", source.remaining());
+        return Err(source.bad_byte(found, "the end of the file"));
+    }
+    let fortran = after("'fortran_order':").starts_with("True");
+    let values = if fortran { turned(&read, &shape) } else { read };
+    Ok(NpyArray {
+        shape,
+        values,
+        binary,
+    })
+}
+
+fn number(bytes: &[u8]) -> f64 {
+    match *bytes {
+        [b] => f64::from(b),
+        [a, b, c, d] => f64::from(f32::from_le_bytes([a, b, c, d])),
+        [a, b, c, d, e, f, g, h] => f64::from_le_bytes([a, b, c, d, e, f, g, h]),
+        _ => f64::NAN,
+    }
+}
+
+/// From the first axis fastest to the last axis fastest.
+fn turned(values: &[f64], shape: &[usize]) -> Vec<f64> {
+    let mut index = vec![0; shape.len()];
+    let strides: Vec<usize> = shape
+        .iter()
+        .scan(1, |stride, n| {
+            let own = *stride;
+            *stride *= n;
+            Some(own)
+        })
+        .collect();
+    (0..values.len())
+        .map(|_| {
+            let place: usize = index.iter().zip(&strides).map(|(i, s)| i * s).sum();
+            for axis in (0..shape.len()).rev() {
+                index[axis] += 1;
+                if index[axis] < shape[axis] {
+                    break;
+                }
+                index[axis] = 0;
+            }
+            values[place]
+        })
+        .collect()
+}

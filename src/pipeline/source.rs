@@ -1,0 +1,345 @@
+//! Sources of cells: from the keys of a section to geometry in the reference frame of an element.
+
+use super::error::RunError;
+use super::inputs::frame_map;
+use super::report::Warning;
+use crate::cell::{
+    Caps, FitError, FitOptions, Placement, Skeleton, SkeletonError, Source, Surface, Voxels,
+    fit_source, graphs, plate_sets,
+};
+use crate::cell::{Cell, CellError};
+use crate::field::Formula;
+use crate::frame::{Aabb, Element, LengthUnit, Vec3};
+use crate::io::{MeshFormat, Place, ReadError, TEXT_CLOUDS};
+use crate::mesh::{CloudSolid, TriMesh};
+use crate::recipe::{self, Brief, CellPlace, CellSection, FileFrame, Short};
+use crate::vdb::{LevelSet, Session};
+use std::path::{Path, PathBuf};
+
+/// Why a cell of a recipe cannot be made.
+#[derive(Debug, thiserror::Error)]
+pub enum CellFault {
+    /// A level, a surface, a lattice.
+    #[error(transparent)]
+    Cell(#[from] CellError),
+    /// The source or the fit to it.
+    #[error(transparent)]
+    Fit(#[from] FitError),
+    /// A formula that is none.
+    #[error(transparent)]
+    Formula(#[from] crate::field::FormulaError),
+    /// What the recipe asks for cannot be.
+    #[error("{0}")]
+    Rule(String),
+}
+
+impl From<SkeletonError> for CellFault {
+    fn from(e: SkeletonError) -> Self {
+        Self::Fit(e.into())
+    }
+}
+
+/// Radius of struts, and thickness of plates, that say none: reference lengths.
+const RADIUS: f64 = 0.1;
+const THICKNESS: f64 = 0.1;
+
+/// What reading a source found beside it.
+#[derive(Default)]
+pub(super) struct Found {
+    /// What looked wrong.
+    pub warnings: Vec<Warning>,
+    /// The file, its key and its box in reference coordinates.
+    pub file: Option<(&'static str, PathBuf, Aabb)>,
+}
+
+impl Found {
+    fn warn(&mut self, code: &'static str, messages: &[String]) {
+        let coded = messages
+            .iter()
+            .cloned()
+            .map(|message| Warning { code, message });
+        self.warnings.extend(coded);
+    }
+}
+
+/// Where sources are read.
+#[derive(Clone, Copy)]
+pub(super) struct Reader<'a> {
+    /// From a path of the section to one that can be opened.
+    pub resolve: &'a dyn Fn(&Path) -> PathBuf,
+    pub session: Session<'a>,
+}
+
+impl Reader<'_> {
+    /// The source that a section names, other than a surface, a file or a hybrid.
+    pub fn source(
+        &self,
+        section: &CellSection,
+        element: Element,
+        found: &mut Found,
+    ) -> Result<Source, SourceFault> {
+        let place = section
+            .place
+            .as_ref()
+            .map_or(Placement::Reference, placement);
+        let caps = match section.caps.unwrap_or_default() {
+            recipe::Caps::Exclude => Caps::Exclude,
+            recipe::Caps::Keep => Caps::Keep,
+        };
+        let mut file: Option<(&'static str, PathBuf)> = None;
+        let mut open = |key: &'static str, f: &FileFrame| {
+            let path = (self.resolve)(&f.path);
+            file = Some((key, path.clone()));
+            path
+        };
+        let source = if let Some(f) = &section.mesh {
+            let path = open("mesh", f);
+            let read = crate::io::read_mesh(&path)?;
+            found.warn(Warning::MESH, &read.warnings);
+            let mesh = moved(&read.mesh, f);
+            Source::mesh(element, &mesh, &place, caps).map_err(|e| in_file(&path, e))?
+        } else if let Some(f) = &section.points {
+            let path = open("points", f);
+            let read = crate::io::read_points(&path)?;
+            let map = frame_map(f, None, LengthUnit::default());
+            let origin = map(Vec3::zeros());
+            let points = read.points.into_iter().map(&map).collect();
+            let normals: Vec<Vec3> = read.normals.into_iter().map(|n| map(n) - origin).collect();
+            let cloud = CloudSolid::new(points, &normals)
+                .map_err(|e| ReadError::data(&path, Place::File, e.to_string(), "a solid"))?;
+            Source::points(element, cloud, &place)?
+        } else if let Some(f) = &section.voxels {
+            let path = open("voxels", f);
+            if has_extension(&path, &["vdb"]) {
+                let set = LevelSet::read(&path, None, self.session)
+                    .map_err(|e| SourceFault::Run(e.into()))?;
+                let mesh = set.to_mesh(self.session).map_err(|error| {
+                    SourceFault::Run(RunError::LevelSet {
+                        stage: path.display().to_string(),
+                        error,
+                    })
+                })?;
+                let mesh = moved(&mesh, f);
+                Source::mesh(element, &mesh, &place, caps).map_err(|e| in_file(&path, e))?
+            } else {
+                let array = crate::io::read_npy(&path)?;
+                let voxels = Voxels::new(&array.shape, array.values, array.binary)
+                    .map_err(|e| in_file(&path, e.into()))?;
+                Source::voxels(element, &voxels, &place)?
+            }
+        } else if let Some(f) = section.graph.as_ref().or(section.plates.as_ref()) {
+            let radius = section.radius.map(|r| r.0);
+            let thickness = section.plate_thickness.map(|t| t.0);
+            let name = f.path.to_string_lossy();
+            let skeleton = if has_extension(&f.path, &["toml", "json"]) {
+                let path = open("graph", f);
+                crate::io::read_skeleton(&path, radius, thickness)?
+            } else if section.graph.is_some() {
+                Skeleton::graph(element, &name, radius.unwrap_or(RADIUS))?
+            } else {
+                Skeleton::plates_of(element, &name, thickness.unwrap_or(THICKNESS))?
+            };
+            Source::skeleton(element, &skeleton, &place)?
+        } else {
+            let text = section.formula.as_deref().unwrap_or_default();
+            let formula = Formula::parse(text, &["x", "y", "z"]).map_err(CellFault::from)?;
+            Source::formula(element, formula, &place)?
+        };
+        let report = source.report();
+        found.warn(Warning::MESH, source.warnings());
+        found.file = file.map(|(key, path)| {
+            let bounds = Aabb {
+                min: Vec3::from(report.box_min),
+                max: Vec3::from(report.box_max),
+            };
+            (key, path, bounds)
+        });
+        Ok(source)
+    }
+
+    /// The cell that a section describes, before its level is found.
+    pub fn cell(
+        &self,
+        name: &str,
+        section: &CellSection,
+        element: Element,
+        found: &mut Found,
+    ) -> Result<Cell, SourceFault> {
+        if let Some(wanted) = &section.surface {
+            return Ok(named_surface(wanted, element)?.named(name));
+        }
+        if let Some(file) = &section.file {
+            let path = (self.resolve)(&file.path);
+            let cell = crate::io::read_cell(&path)?;
+            if cell.element() != element {
+                return Err(CellFault::Rule(format!(
+                    "{} is a cell for a {}; expected one for a {}",
+                    path.display(),
+                    cell.element().name(),
+                    element.name()
+                ))
+                .into());
+            }
+            found.file = Some(("file", path, Aabb::of(element.vertices())));
+            return Ok(cell.named(name));
+        }
+        let source = self.source(section, element, found)?;
+        let cell = fit_source(
+            name,
+            element,
+            &source,
+            &options(section),
+            self.session.progress,
+        )?;
+        found.warn(Warning::CELL, cell.report().map_or(&[], |r| &r.warnings));
+        Ok(cell)
+    }
+}
+
+/// Why a source cannot be had: its keys and its geometry, or its file.
+pub(super) enum SourceFault {
+    Cell(CellFault),
+    Run(RunError),
+}
+
+impl SourceFault {
+    /// As an error of a run, about the cell of this key.
+    pub fn of(self, key: &str) -> RunError {
+        match self {
+            Self::Run(e) => e,
+            Self::Cell(CellFault::Fit(FitError::Cancelled(c))) => RunError::Cancelled(c),
+            Self::Cell(fault) => RunError::Cell {
+                key: key.to_owned(),
+                fault,
+            },
+        }
+    }
+}
+
+impl<E: Into<CellFault>> From<E> for SourceFault {
+    fn from(e: E) -> Self {
+        Self::Cell(e.into())
+    }
+}
+
+impl From<ReadError> for SourceFault {
+    fn from(e: ReadError) -> Self {
+        Self::Run(e.into())
+    }
+}
+
+/// What is wrong with a file's geometry, with the file.
+fn in_file(path: &Path, error: FitError) -> SourceFault {
+    let expected = match &error {
+        FitError::Mesh(_) => "triangles that bound a solid",
+        FitError::Voxels(_) => "voxels with solid and void",
+        _ => return error.into(),
+    };
+    ReadError::data(path, Place::File, error.to_string(), expected).into()
+}
+
+/// A mesh in the frame of its file's table: numbers are reference coordinates, whatever their unit.
+fn moved(mesh: &TriMesh, file: &FileFrame) -> TriMesh {
+    mesh.mapped(frame_map(file, None, LengthUnit::default()))
+}
+
+fn has_extension(path: &Path, known: &[&str]) -> bool {
+    let own = path.extension().and_then(|e| e.to_str()).unwrap_or("");
+    known.iter().any(|k| own.eq_ignore_ascii_case(k))
+}
+
+/// How a section wants its cell fitted.
+pub(super) fn options(section: &CellSection) -> FitOptions {
+    let default = FitOptions::default();
+    FitOptions {
+        band_limit: section.band_limit.map_or(default.band_limit, |r| r.0),
+        samples: section.samples.map_or(default.samples, |n| n as usize),
+        ..default
+    }
+}
+
+/// A surface by its name.
+pub(super) fn named_surface(name: &str, element: Element) -> Result<Cell, CellFault> {
+    let surface = Surface::from_name(name).ok_or_else(|| {
+        let known: Vec<&str> = Surface::ALL.iter().map(|s| s.name()).collect();
+        CellFault::Rule(format!(
+            "no surface is named {name:?}; expected one of {}",
+            known.join(", ")
+        ))
+    })?;
+    Ok(surface.cell(element)?)
+}
+
+fn placement(place: &CellPlace) -> Placement {
+    match place {
+        CellPlace::Reference => Placement::Reference,
+        CellPlace::Fit => Placement::Fit,
+        CellPlace::Similarity(s) => Placement::Similarity {
+            scale: s.scale.0,
+            rotate: s.rotate.map(|r| r.0),
+            translate: Vec3::from(s.translate.map(|t| t.0)),
+        },
+        CellPlace::Vertices(v) => Placement::Vertices(v.iter().map(|p| Vec3::from(*p)).collect()),
+    }
+}
+
+/// Enters an argument of the command line as the source of a section: by the extension of a file, by
+/// the name of a surface, strut graph or plate set, or as a formula.
+///
+/// # Errors
+/// A sentence that says what was found and what an input may be.
+pub fn enter_source(input: &Path, section: &mut CellSection) -> Result<(), ReadError> {
+    let text = input.to_str().unwrap_or("");
+    let file = || Some(Brief(FileFrame::short(input.to_owned())));
+    let element = section.element.map(Element::from);
+    let elements = element.map_or(Element::ALL.to_vec(), |e| vec![e]);
+    let plain = text.strip_suffix("_struts").unwrap_or(text);
+    let offers = |names: fn(Element) -> &'static [&'static str]| {
+        elements.iter().any(|e| names(*e).contains(&plain))
+    };
+    if Surface::from_name(text).is_some() {
+        section.surface = Some(text.to_owned());
+    } else if offers(graphs) {
+        section.graph = file();
+    } else if offers(plate_sets) {
+        section.plates = file();
+    } else if has_extension(input, &["cell"]) {
+        section.file = file();
+    } else if has_extension(input, &["npy", "vdb"]) {
+        section.voxels = file();
+    } else if has_extension(input, &["toml", "json"]) {
+        section.graph = file();
+    } else if has_extension(input, &TEXT_CLOUDS) || crate::io::is_point_cloud(input)? {
+        section.points = file();
+    } else if has_extension(input, &["step", "stp", "iges", "igs", "brep"]) {
+        let hint = "examples/cad/step_to_stl.py makes triangles of it with gmsh";
+        let found = "a CAD file of exact surfaces";
+        return Err(ReadError::data(input, Place::File, found, "triangles").with_hint(hint));
+    } else if MeshFormat::of(input).is_some() || input.is_file() {
+        section.mesh = file();
+    } else if Formula::parse(text, &["x", "y", "z"]).is_ok() || looks_like_formula(text) {
+        section.formula = Some(text.to_owned());
+    } else {
+        let names = |of: fn(Element) -> &'static [&'static str]| {
+            let mut all: Vec<&str> = elements.iter().flat_map(|e| of(*e)).copied().collect();
+            all.sort_unstable();
+            all.dedup();
+            all.join(", ")
+        };
+        let surfaces: Vec<&str> = Surface::ALL.iter().map(|s| s.name()).collect();
+        let hint = format!(
+            "an input is a file, a formula in x, y, z, a surface ({}), a strut graph ({}) or plates ({})",
+            surfaces.join(", "),
+            names(graphs),
+            names(plate_sets)
+        );
+        return Err(ReadError::io(input, std::io::ErrorKind::NotFound.into()).with_hint(hint));
+    }
+    Ok(())
+}
+
+/// Whether a text was probably meant as a formula, so that its own error helps more than "no such file".
+fn looks_like_formula(text: &str) -> bool {
+    let letters = ['x', 'y', 'z'];
+    text.contains(['+', '*', '^', '(', ' ']) && text.contains(letters)
+}
