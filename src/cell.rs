@@ -47,6 +47,7 @@ mod error;
 mod file;
 mod fit;
 mod form;
+mod hybrid;
 mod level;
 mod pairing;
 mod series;
@@ -63,6 +64,7 @@ pub use fit::{
     SourceReport, fit, fit_mesh, fit_source, least_squares,
 };
 pub use form::{Form, Node};
+pub use hybrid::Join;
 #[cfg(test)]
 pub(crate) use pairing::operators_of;
 pub use pairing::{default_group, groups, lattices, symmetry};

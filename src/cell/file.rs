@@ -12,14 +12,29 @@
 //! orbit has the conjugate. `gamma` and `report` may be missing. Planar elements have two lattice
 //! vectors of two components and two indices. A group that has no name here is written with its
 //! `generators`, operators such as `x,-z,y` on the lattice coordinates u.
+//!
+//! A function that is not one series has, in the place of `group`, `lattice` and `coefficients`, an
+//! `expression`, a tree of objects with one key each:
+//!
+//! | node | value |
+//! |---|---|
+//! | `{"series": {"group", "lattice", "coefficients"}}` | the series |
+//! | `{"sum": [{"weight", "part"}, ..]}` | the sum of weight times part |
+//! | `{"least": {"parts": [..], "radius"}}` | the least part, rounded where two differ by less than the radius: of two min(a, b) - max(r - abs(a - b), 0)^2 / (4 r), of more from the first on |
+//! | `{"greatest": {"parts": [..], "radius"}}` | minus the least of the negatives |
+//! | `{"magnitude": part}` | its absolute value |
+//! | `{"shift": {"part", "by"}}` | part - by |
+//! | `{"negation": part}` | - part |
 
-use super::{Cell, CellError, FitReport, Form, Series, Solid, lattices};
+use super::{Cell, FitReport, Form, Node, Series, Solid};
 use crate::frame::Element;
-use crate::symmetry::{Frequency, Lattice, Operator, PointGroup};
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer};
 use std::fmt::Write as _;
 use std::sync::Arc;
+
+mod expression;
+use expression::{Entry, Expression, Reader, SeriesEntry};
 
 /// The name and the version of the format.
 const FORMAT: &str = "druse-cell";
@@ -99,11 +114,16 @@ struct Document {
     name: String,
     #[serde(deserialize_with = "element")]
     element: Element,
-    group: String,
+    #[serde(default)]
+    group: Option<String>,
     #[serde(default)]
     generators: Option<Vec<String>>,
-    lattice: Vec<Vec<f64>>,
-    coefficients: Vec<Entry>,
+    #[serde(default)]
+    lattice: Option<Vec<Vec<f64>>>,
+    #[serde(default)]
+    coefficients: Option<Vec<Entry>>,
+    #[serde(default)]
+    expression: Option<Expression>,
     #[serde(default)]
     level: f64,
     #[serde(deserialize_with = "solid", default = "below")]
@@ -120,84 +140,33 @@ fn below() -> Solid {
     Solid::Below
 }
 
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Entry {
-    k: Vec<i32>,
-    c: [f64; 2],
-}
-
-/// The line on which the coefficient at `place` starts: that of its key "k".
-fn line_of_coefficient(text: &str, place: usize) -> Option<usize> {
-    let start = text.find("\"coefficients\"")?;
-    let (at, _) = text[start..].match_indices("\"k\"").nth(place)?;
-    Some(line_at(text, start + at))
-}
-
-fn line_at(text: &str, byte: usize) -> usize {
-    text[..byte].matches('\n').count() + 1
-}
-
-/// The series of a document.
-fn series<const D: usize>(
-    document: &Document,
-    on_key: &dyn Fn(&str, String) -> CellTextError,
-    fault: &dyn Fn(CellError) -> CellTextError,
-) -> Result<Series<D>, CellTextError> {
-    let element = document.element;
-    let vectors: Option<Vec<[f64; D]>> = document
-        .lattice
-        .iter()
-        .map(|v| v.as_slice().try_into().ok())
-        .collect();
-    let vectors: [[f64; D]; D] = vectors.and_then(|v| v.try_into().ok()).ok_or_else(|| {
-        let found = &document.lattice;
-        on_key(
-            "lattice",
-            format!("the lattice is {found:?}; expected {D} vectors of {D} components"),
-        )
-    })?;
-    let lattice = Lattice::new(vectors).map_err(|e| fault(e.into()))?;
-    // A named lattice is exact whatever the file's digits.
-    let lattice: Lattice<D> = match lattice.name() {
-        Some(name) => Lattice::named(name).map_err(|e| fault(e.into()))?,
-        None => {
-            return Err(on_key(
-                "lattice",
-                format!(
-                    "the lattice {:?} does not go with a {}; expected {}",
-                    document.lattice,
-                    element.name(),
-                    lattices(element).join(" or ")
-                ),
-            ));
-        }
-    };
-    let group = match &document.generators {
-        None => PointGroup::named(&document.group, &lattice)
-            .map_err(|e| on_key("group", e.to_string()))?,
-        Some(texts) => {
-            let operators = texts
-                .iter()
-                .map(|t| t.parse::<Operator<D>>())
-                .collect::<Result<Vec<_>, _>>()
-                .map_err(|e| on_key("generators", e.to_string()))?;
-            PointGroup::generated(&document.group, &operators)
-                .map_err(|e| on_key("generators", e.to_string()))?
-        }
-    };
-    let mut terms: Vec<(Frequency<D>, [f64; 2])> = Vec::with_capacity(document.coefficients.len());
-    for (place, entry) in document.coefficients.iter().enumerate() {
-        let k = entry.k.as_slice().try_into().map_err(|_| {
-            fault(CellError::Coefficient {
-                place,
-                index: format!("{:?}", entry.k),
-                reason: format!("{} indices; expected {D}", entry.k.len()),
-            })
-        })?;
-        terms.push((k, entry.c));
+/// What the expression of a document is, given in one of two ways.
+fn expression(document: &mut Document) -> Result<Expression, String> {
+    let own = document.expression.take();
+    let group = document.group.take();
+    let lattice = document.lattice.take();
+    let coefficients = document.coefficients.take();
+    let missing = |key: &str| format!("missing field `{key}`");
+    if let Some(tree) = own {
+        let beside = [
+            ("group", group.is_some()),
+            ("generators", document.generators.is_some()),
+            ("lattice", lattice.is_some()),
+            ("coefficients", coefficients.is_some()),
+        ];
+        return match beside.iter().find(|b| b.1) {
+            None => Ok(tree),
+            Some((key, _)) => Err(format!(
+                "found `{key}` beside `expression`; expected either"
+            )),
+        };
     }
-    Series::new(group, lattice, &terms).map_err(fault)
+    Ok(Expression::Series(SeriesEntry {
+        group: group.ok_or_else(|| missing("group"))?,
+        generators: document.generators.take(),
+        lattice: lattice.ok_or_else(|| missing("lattice"))?,
+        coefficients: coefficients.ok_or_else(|| missing("coefficients"))?,
+    }))
 }
 
 /// Writes group, lattice and coefficients of a series.
@@ -221,6 +190,59 @@ fn write_series<const D: usize>(text: &mut String, series: &Series<D>) {
     text.push_str("  ]");
 }
 
+/// Writes an expression, one node a line.
+fn write_form(text: &mut String, form: &Form) {
+    let list = |text: &mut String, parts: &[Form]| {
+        for (n, part) in parts.iter().enumerate() {
+            text.push_str(if n == 0 { "\n" } else { ",\n" });
+            write_form(text, part);
+        }
+    };
+    let extreme = |text: &mut String, word: &str, parts: &[Form], radius: f64| {
+        let _ = write!(text, "{{\"{word}\": {{\"radius\": {radius:?}, \"parts\": [");
+        list(text, parts);
+        text.push_str("]}}");
+    };
+    match form.node() {
+        Node::Series(s) => {
+            text.push_str("{\"series\": {\n");
+            write_series(text, s);
+            text.push_str("}}");
+        }
+        Node::Planar(s) => {
+            text.push_str("{\"series\": {\n");
+            write_series(text, s);
+            text.push_str("}}");
+        }
+        Node::Sum(parts) => {
+            text.push_str("{\"sum\": [");
+            for (n, (weight, part)) in parts.iter().enumerate() {
+                let comma = if n == 0 { "" } else { "," };
+                let _ = write!(text, "{comma}\n{{\"weight\": {weight:?}, \"part\": ");
+                write_form(text, part);
+                text.push('}');
+            }
+            text.push_str("]}");
+        }
+        Node::Least(parts, radius) => extreme(text, "least", parts, *radius),
+        Node::Greatest(parts, radius) => extreme(text, "greatest", parts, *radius),
+        Node::Magnitude(part) | Node::Negation(part) => {
+            let word = match form.node() {
+                Node::Magnitude(_) => "magnitude",
+                _ => "negation",
+            };
+            let _ = write!(text, "{{\"{word}\": ");
+            write_form(text, part);
+            text.push('}');
+        }
+        Node::Shift(part, by) => {
+            let _ = write!(text, "{{\"shift\": {{\"by\": {by:?}, \"part\": ");
+            write_form(text, part);
+            text.push_str("}}");
+        }
+    }
+}
+
 fn quoted(s: &str) -> String {
     serde_json::Value::from(s).to_string()
 }
@@ -232,7 +254,7 @@ impl Cell {
     /// [`CellTextError`] with the line: text that is no JSON, an unknown key, format, version,
     /// element, group or lattice, a coefficient that cannot stand, a level out of range.
     pub fn from_json(text: &str) -> Result<Self, CellTextError> {
-        let document: Document = serde_json::from_str(text).map_err(|e| {
+        let mut document: Document = serde_json::from_str(text).map_err(|e| {
             let full = e.to_string();
             let place = format!(" at line {} column {}", e.line(), e.column());
             CellTextError {
@@ -240,29 +262,21 @@ impl Cell {
                 reason: full.strip_suffix(&place).unwrap_or(&full).to_owned(),
             }
         })?;
-        let on_key = |key: &str, reason: String| CellTextError {
-            line: text.find(&format!("{key:?}")).map(|at| line_at(text, at)),
+        let mut reader = Reader {
+            text,
+            element: document.element,
+            series: 0,
+            coefficients: 0,
+        };
+        let tree = expression(&mut document).map_err(|reason| CellTextError {
+            line: reader.line("element", 0),
             reason,
-        };
-        let fault = |e: CellError| match &e {
-            CellError::Coefficient { place, .. } => CellTextError {
-                line: line_of_coefficient(text, *place),
-                reason: e.to_string(),
-            },
-            CellError::Unfitting { what, .. } | CellError::OutOfRange { what, .. } => {
-                on_key(what, e.to_string())
-            }
-            _ => on_key("lattice", e.to_string()),
-        };
-        let element = document.element;
-        let form = if element.dimension() == 2 {
-            series::<2>(&document, &on_key, &fault)?.into()
-        } else {
-            Form::from(series::<3>(&document, &on_key, &fault)?)
-        };
-        let mut cell = Self::new(&document.name, element, form)
+        })?;
+        let form = reader.form(&tree)?;
+        reader.series = 0;
+        let mut cell = Self::new(&document.name, document.element, form)
             .and_then(|c| c.with_solid(document.solid, document.level))
-            .map_err(fault)?;
+            .map_err(|e| reader.fault(&e))?;
         cell.face_normal = document.face_normal;
         if let Some(gamma) = document.gamma {
             cell.gamma = gamma.into();
@@ -281,11 +295,13 @@ impl Cell {
             quoted(&self.name),
             quoted(self.element.name()),
         );
-        if let Some(series) = self.series() {
-            write_series(&mut text, series);
-        }
-        if let Some(series) = self.planar() {
-            write_series(&mut text, series);
+        match self.form.node() {
+            Node::Series(series) => write_series(&mut text, series),
+            Node::Planar(series) => write_series(&mut text, series),
+            _ => {
+                text.push_str("  \"expression\": ");
+                write_form(&mut text, &self.form);
+            }
         }
         let _ = write!(
             text,

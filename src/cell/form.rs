@@ -11,9 +11,10 @@
 
 use super::pairing::embedded;
 use super::{CellError, Series};
-use crate::field::{Field, Interval};
-use crate::frame::{CellBox, CellPoint, Mat3, Vec3};
+use crate::frame::Mat3;
 use std::sync::Arc;
+
+mod value;
 
 /// A function of the cell frame; cheap to clone.
 #[derive(Clone, Debug)]
@@ -317,140 +318,5 @@ impl Leaf<'_> {
             },
             str::to_owned,
         )
-    }
-}
-
-/// The rounded minimum of two values and its derivatives by them.
-fn rounded_least(a: f64, b: f64, radius: f64) -> (f64, [f64; 2]) {
-    let share = if radius > 0.0 {
-        (radius - (a - b).abs()).max(0.0) / radius
-    } else {
-        0.0
-    };
-    let value = a.min(b) - share * share * radius / 4.0;
-    let far = share / 2.0;
-    let slopes = if a <= b {
-        [1.0 - far, far]
-    } else {
-        [far, 1.0 - far]
-    };
-    (value, slopes)
-}
-
-/// The rounded minimum of values with gradients.
-fn least_of(values: impl Iterator<Item = (f64, Vec3)>, radius: f64) -> (f64, Vec3) {
-    values
-        .reduce(|(a, ga), (b, gb)| {
-            let (v, [sa, sb]) = rounded_least(a, b, radius);
-            (v, ga * sa + gb * sb)
-        })
-        .unwrap_or((f64::INFINITY, Vec3::zeros()))
-}
-
-impl Field for Form {
-    type Point = CellPoint<3>;
-
-    fn value(&self, p: CellPoint<3>) -> f64 {
-        match self.node() {
-            Node::Series(s) => s.value(p),
-            Node::Planar(s) => s.value(CellPoint(p.0.xy())),
-            Node::Sum(parts) => parts.iter().map(|(w, f)| w * f.value(p)).sum(),
-            Node::Least(parts, radius) => parts
-                .iter()
-                .map(|f| f.value(p))
-                .reduce(|a, b| rounded_least(a, b, *radius).0)
-                .unwrap_or(f64::INFINITY),
-            Node::Greatest(parts, radius) => -parts
-                .iter()
-                .map(|f| -f.value(p))
-                .reduce(|a, b| rounded_least(a, b, *radius).0)
-                .unwrap_or(f64::INFINITY),
-            Node::Magnitude(f) => f.value(p).abs(),
-            Node::Shift(f, by) => f.value(p) - by,
-            Node::Negation(f) => -f.value(p),
-        }
-    }
-
-    fn value_and_gradient(&self, p: CellPoint<3>) -> (f64, Vec3) {
-        match self.node() {
-            Node::Series(s) => s.value_and_gradient(p),
-            Node::Planar(s) => {
-                let (v, g) = s.value_and_gradient(CellPoint(p.0.xy()));
-                (v, g.push(0.0))
-            }
-            Node::Sum(parts) => parts.iter().fold((0.0, Vec3::zeros()), |(s, g), (w, f)| {
-                let (v, d) = f.value_and_gradient(p);
-                (s + w * v, g + d * *w)
-            }),
-            Node::Least(parts, radius) => {
-                least_of(parts.iter().map(|f| f.value_and_gradient(p)), *radius)
-            }
-            Node::Greatest(parts, radius) => {
-                let negative = |f: &Self| {
-                    let (v, g) = f.value_and_gradient(p);
-                    (-v, -g)
-                };
-                let (v, g) = least_of(parts.iter().map(negative), *radius);
-                (-v, -g)
-            }
-            Node::Magnitude(f) => {
-                let (v, g) = f.value_and_gradient(p);
-                if v < 0.0 { (-v, -g) } else { (v, g) }
-            }
-            Node::Shift(f, by) => {
-                let (v, g) = f.value_and_gradient(p);
-                (v - by, g)
-            }
-            Node::Negation(f) => {
-                let (v, g) = f.value_and_gradient(p);
-                (-v, -g)
-            }
-        }
-    }
-
-    fn bound(&self, region: &CellBox<3>) -> Interval {
-        match self.node() {
-            Node::Series(s) => s.bound(region),
-            Node::Planar(s) => s.bound(&CellBox {
-                min: region.min.xy(),
-                max: region.max.xy(),
-            }),
-            _ => self.combine(&mut |f| f.bound(region)),
-        }
-    }
-}
-
-impl Form {
-    /// The interval of values where those of the parts are `of` them; every node is monotone in
-    /// each part but the magnitude.
-    fn combine(&self, of: &mut dyn FnMut(&Self) -> Interval) -> Interval {
-        let mut least = |parts: &[Self], radius: f64, turn: fn(Interval) -> Interval| {
-            parts
-                .iter()
-                .map(|f| turn(of(f)))
-                .reduce(|a, b| {
-                    Interval::new(
-                        rounded_least(a.lo, b.lo, radius).0,
-                        rounded_least(a.hi, b.hi, radius).0,
-                    )
-                })
-                .unwrap_or(Interval::ALL)
-        };
-        match self.node() {
-            Node::Series(_) | Node::Planar(_) => of(self),
-            Node::Sum(parts) => parts.iter().fold(Interval::new(0.0, 0.0), |sum, (w, f)| {
-                let i = of(f);
-                let (a, b) = (w * i.lo, w * i.hi);
-                Interval::new(sum.lo + a.min(b), sum.hi + a.max(b))
-            }),
-            Node::Least(parts, radius) => least(parts, *radius, |i| i),
-            Node::Greatest(parts, radius) => least(parts, *radius, Interval::negated).negated(),
-            Node::Magnitude(f) => of(f).magnitude(),
-            Node::Shift(f, by) => {
-                let i = of(f);
-                Interval::new(i.lo - by, i.hi - by)
-            }
-            Node::Negation(f) => of(f).negated(),
-        }
     }
 }

@@ -1,36 +1,48 @@
-//! Fast evaluation of a cell: a periodic tricubic B-spline on the cubic period, in single precision.
+//! Fast evaluation of a cell: a periodic tricubic B-spline for each of its series, in single precision.
 //!
-//! The spline's coefficients are exact: the spectrum of the series divided by that of the sampled
+//! A spline's coefficients are exact: the spectrum of the series divided by that of the sampled
 //! B-spline, prod (2 + cos(2 pi h / N)) / 3 over the axes, transformed back once; the spline interpolates the
-//! series at the N^3 grid points. The grid's axes are the Cartesian ones, so that every operator of
-//! the element's group maps it to itself and the interpolant is as symmetric as the series: cells
-//! stay continuous across faces to rounding.
+//! series at the grid points. The grid lies along the Cartesian axes, with the series' period along
+//! each: (1, 1, 1) for the cubic lattice, 2 for `fcc2`, (1, 1, sqrt 2) for `fcc1`, (1, sqrt 3, 1) for the
+//! hexagonal ones. Operators that exchange or turn around the axes map it to itself, so that the
+//! interpolant is as symmetric as the series and cells stay continuous across faces to rounding;
+//! where a group has others (order 3 about z) the mean over the turned points restores it.
 //!
 //! Conventions: the table holds Phi minus its level (Phi itself for a sheet, whose absolute value is
-//! taken after interpolation); as a [`Field`] it is negative inside the solid. The gradient is that
-//! of the interpolant. Bounds come from the coefficients: a B-spline is a convex combination of its
-//! 4^3 nearest ones, a derivative one of their differences; so bounds are rigorous for what is
-//! evaluated, not for the series it approximates. [`Table::error_bound`] ties the two together.
+//! taken after interpolation); as a [`Field`] it is negative inside the solid. An expression of
+//! several series is evaluated from one spline each. The gradient is that of the interpolant. Bounds
+//! come from the coefficients: a B-spline is a convex combination of its 4^3 nearest ones, a
+//! derivative one of their differences; so bounds are rigorous for what is evaluated, not for the
+//! series it approximates. [`Table::error_bound`] ties the two together.
 
-use super::{Cell, CellError, Solid};
+use super::{Cell, CellError, Form, Solid};
 use crate::field::{Field, Interval};
 use crate::frame::{CellBox, CellPoint, Element, Vec3};
 
 mod build;
+mod leaf;
 mod pyramid;
 mod spline;
-use pyramid::{Pyramid, scan};
-use rayon::prelude::*;
-use spline::Spline;
+use build::{Spectrum, good_size};
+use leaf::Leaf;
+use spline::Grid;
 
-/// Greatest number of samples per axis that [`Table::new`] uses: 17 MB.
+/// Greatest number of samples per axis that [`Table::new`] uses: 17 MB for each cubic series.
 const LARGEST: usize = 160;
 /// Least number of samples per axis.
 const SMALLEST: usize = 32;
 /// Samples per period of the shortest wave that [`Table::new`] asks for.
 const SAMPLES_PER_WAVE: usize = 8;
-/// Single precision: what rounding adds to an interval, relative to the largest coefficient.
-const ROUNDING: f64 = 2e-6;
+/// Greatest number of samples per axis that [`Table::with_tolerance`] uses.
+const LIMIT: usize = 256;
+
+/// What is interpolated.
+enum Function {
+    /// One series in space on a grid that its group keeps: the hot path.
+    Plain(Box<Leaf>),
+    /// An expression and its leaves in order.
+    Tree(Form, Vec<Leaf>),
+}
 
 /// A cell as a table; see the module's head.
 pub struct Table {
@@ -41,8 +53,7 @@ pub struct Table {
     half: f32,
     /// Solid value = sign * interpolant where the solid is one side of the level.
     sign: f32,
-    spline: Spline,
-    pyramid: Pyramid,
+    function: Function,
     error_bound: f64,
     gradient_error_bound: f64,
     gradient_sup: f64,
@@ -67,49 +78,85 @@ impl Table {
     ///
     /// # Errors
     /// [`CellError::TableTooLarge`] if the band needs more than 160 samples per axis merely to be
-    /// represented (more than 79 waves per cubic period).
+    /// represented (more than 79 waves per period along an axis).
     pub fn new(cell: &Cell) -> Result<Self, CellError> {
-        let index = build::greatest_index(cell)?;
-        let wanted = (SAMPLES_PER_WAVE * index as usize).clamp(SMALLEST, LARGEST);
-        Self::with_samples(cell, build::good_size(wanted))
+        let wanted = |index: i32| (SAMPLES_PER_WAVE * index as usize).clamp(SMALLEST, LARGEST);
+        let form = function(cell);
+        let leaves = spectra(&form)?
+            .into_iter()
+            .map(|s| {
+                let grid = s.grid(wanted);
+                s.check(&grid)?;
+                Ok((s, grid))
+            })
+            .collect::<Result<Vec<_>, CellError>>()?;
+        Ok(Self::build(cell, form, leaves))
     }
 
-    /// The smallest table whose [`Table::error_bound`] is at most `tolerance`, in field units.
+    /// The smallest table whose [`Table::error_bound`] is at most `tolerance`, in field units, but
+    /// for rounding to single precision.
     ///
     /// # Errors
     /// [`CellError::TableTooLarge`] if that takes more than 256 samples per axis.
     pub fn with_tolerance(cell: &Cell, tolerance: f64) -> Result<Self, CellError> {
-        const LIMIT: usize = 256;
-        let index = build::greatest_index(cell)?;
-        let mut samples = build::good_size((2 * index as usize + 1).max(SMALLEST));
-        while build::error_bounds(cell, samples)?.0 > tolerance {
-            if samples >= LIMIT {
+        let form = function(cell);
+        let spectra = spectra(&form)?;
+        // Samples per axis beyond the least that holds every wave.
+        let mut excess = 1.0f64;
+        loop {
+            let wanted = |index: i32| {
+                let least = (2 * index as usize + 1).max(SMALLEST);
+                (least as f64 * excess).ceil() as usize
+            };
+            let grids: Vec<Grid> = spectra.iter().map(|s| s.grid(wanted)).collect();
+            let mut number = 0;
+            let [error, ..] = form.error_by(&mut |_| {
+                let (value, slope) = spectra[number].error_bounds(&grids[number]);
+                number += 1;
+                [value, slope, 0.0]
+            });
+            let largest = grids.iter().flat_map(|g| g.samples).max().unwrap_or(0);
+            if largest > LIMIT {
+                let index = spectra.iter().map(Spectrum::greatest).max().unwrap_or(0);
                 return Err(CellError::TableTooLarge {
                     index,
                     limit: LIMIT,
                 });
             }
-            samples = build::good_size(samples + 1);
+            if error <= tolerance {
+                let leaves = spectra.into_iter().zip(grids).collect();
+                return Ok(Self::build(cell, form, leaves));
+            }
+            // The next larger size of the smallest grid.
+            let smallest = grids.iter().flat_map(|g| g.samples).filter(|n| *n > 1);
+            let smallest = smallest.min().unwrap_or(SMALLEST);
+            excess *= good_size(smallest + 1) as f64 / smallest as f64;
         }
-        Self::with_samples(cell, samples)
     }
 
-    /// The table with this many samples per axis of the cubic period.
-    fn with_samples(cell: &Cell, samples: usize) -> Result<Self, CellError> {
-        let index = build::greatest_index(cell)?;
-        if samples <= 2 * index as usize {
-            return Err(CellError::TableTooLarge {
-                index,
-                limit: samples,
-            });
-        }
-        let (period, coefficients) = build::coefficients(cell, samples)?;
-        let (error_bound, gradient_error_bound) = build::error_bounds(cell, samples)?;
-        let pyramid = Pyramid::new(&coefficients, samples);
+    fn build(cell: &Cell, form: Form, leaves: Vec<(Spectrum, Grid)>) -> Self {
+        let mut leaves: Vec<Leaf> = leaves.into_iter().map(|(s, g)| Leaf::new(s, g)).collect();
+        let whole = cell.fits_any_numbering();
+        let element = cell.element();
+        let mut each = leaves.iter();
+        let [error_bound, gradient_error_bound, _] =
+            form.error_by(&mut |_| each.next().map_or([f64::INFINITY; 3], Leaf::errors));
+        let mut each = leaves.iter();
+        let around = element.cell_box();
+        let (_, gradient_sup) = form.range_by(&mut |_| {
+            each.next().map_or((Interval::ALL, f64::INFINITY), |leaf| {
+                (leaf.range(&around).0, leaf.sup_over(element, whole))
+            })
+        });
+        let function = if leaves.len() == 1 && leaves[0].is_plain() && form.nodes() == 1 {
+            Function::Plain(Box::new(leaves.swap_remove(0)))
+        } else {
+            Function::Tree(form, leaves)
+        };
         let symmetric = cell.solid().is_symmetric();
-        let mut table = Self {
-            element: cell.element(),
-            fits_any_numbering: cell.fits_any_numbering(),
+        Self {
+            element,
+            fits_any_numbering: whole,
             solid: cell.solid(),
             half: if symmetric { cell.level() as f32 } else { 0.0 },
             sign: if cell.solid() == Solid::Above {
@@ -117,15 +164,12 @@ impl Table {
             } else {
                 1.0
             },
-            spline: Spline::new(coefficients, samples, period),
-            pyramid,
+            function,
             error_bound,
             gradient_error_bound,
-            gradient_sup: 0.0,
+            gradient_sup,
             gradient_rms: cell.gamma(),
-        };
-        table.gradient_sup = table.sup_over_element();
-        Ok(table)
+        }
     }
 
     /// The element the cell fills.
@@ -138,29 +182,32 @@ impl Table {
         self.fits_any_numbering
     }
 
-    /// Samples per axis of the cubic period.
-    pub fn samples(&self) -> usize {
-        self.spline.samples()
+    fn leaves(&self) -> &[Leaf] {
+        match &self.function {
+            Function::Plain(leaf) => std::slice::from_ref(leaf),
+            Function::Tree(_, leaves) => leaves,
+        }
     }
 
-    /// Length of the cubic period in reference units.
-    pub fn period(&self) -> f64 {
-        self.spline.period()
+    /// Samples per period along the axis, and of the series, that has most.
+    pub fn samples(&self) -> usize {
+        self.leaves().iter().map(Leaf::samples).max().unwrap_or(0)
     }
 
     /// Memory in use.
     pub fn bytes(&self) -> usize {
-        size_of_val(self.spline.coefficients()) + self.pyramid.bytes()
+        self.leaves().iter().map(Leaf::bytes).sum()
     }
 
     /// Rigorous bound of |table - cell| everywhere, in field units (single precision included).
     pub fn error_bound(&self) -> f64 {
-        self.error_bound + self.rounding()
+        self.error_bound
     }
 
-    /// Rigorous bound of the difference of the gradients' components, per unit of reference length.
+    /// Rigorous bound of the difference of the gradients' components, per unit of reference length,
+    /// but for points where the parts of an expression change places.
     pub fn gradient_error_bound(&self) -> f64 {
-        self.gradient_error_bound + self.rounding() * self.cells_per_unit()
+        self.gradient_error_bound
     }
 
     /// Bound of the gradient's length over the element.
@@ -173,72 +220,23 @@ impl Table {
         self.gradient_rms
     }
 
-    /// Bound of the gradient's length over a box.
-    pub fn gradient_bound(&self, region: &CellBox<3>) -> f64 {
-        let (from, count) = self.spline_cells(region);
-        let difference = f64::from(self.pyramid.query(from, count).steepest);
-        difference * self.cells_per_unit() * (1.0 + 1e-6) + self.rounding() * self.cells_per_unit()
-    }
-
-    fn cells_per_unit(&self) -> f64 {
-        self.spline.per_unit()
-    }
-
-    fn rounding(&self) -> f64 {
-        ROUNDING * f64::from(self.pyramid.largest())
-    }
-
-    /// First spline cell and number of spline cells per axis that a box meets; at most one period.
-    fn spline_cells(&self, region: &CellBox<3>) -> ([usize; 3], [usize; 3]) {
-        let (n, scale) = (self.spline.samples() as i64, self.cells_per_unit());
-        let (mut from, mut count) = ([0; 3], [0; 3]);
-        for a in 0..3 {
-            // A hair wider, so that a point that rounds into the next cell is still covered.
-            let lo = (region.min[a] * scale - 1e-6).floor();
-            let hi = (region.max[a] * scale + 1e-6).floor();
-            if hi - lo >= n as f64 - 1.0 || !(hi - lo).is_finite() {
-                count[a] = n as usize;
-            } else {
-                from[a] = (lo as i64).rem_euclid(n) as usize;
-                count[a] = (hi - lo) as usize + 1;
+    /// Interval of the interpolant and bound of its gradient over a box.
+    fn range(&self, region: &CellBox<3>) -> (Interval, f64) {
+        match &self.function {
+            Function::Plain(leaf) => leaf.range(region),
+            Function::Tree(form, leaves) => {
+                let mut each = leaves.iter();
+                form.range_by(&mut |_| {
+                    each.next()
+                        .map_or((Interval::ALL, f64::INFINITY), |leaf| leaf.range(region))
+                })
             }
         }
-        (from, count)
     }
 
-    /// The largest gradient bound among the spline cells that meet the element.
-    fn sup_over_element(&self) -> f64 {
-        let scale = self.cells_per_unit();
-        let half = (0.5 * scale).ceil() as i64;
-        let n = self.spline.samples() as i64;
-        // The whole group maps the part of the element with x >= |y|, |z| onto the rest.
-        let reach = |i: i64| {
-            if self.fits_any_numbering {
-                (-i - 2).max(-half)..half.min(i + 2)
-            } else {
-                -half..half
-            }
-        };
-        let first = if self.fits_any_numbering { 0 } else { -half };
-        let in_slab = |i: i64| {
-            let mut steepest = 0f32;
-            for j in reach(i) {
-                for k in reach(i) {
-                    let lo = Vec3::new(i as f64, j as f64, k as f64) / scale;
-                    if self.element != Element::Tet || meets_tet(lo, 1.0 / scale) {
-                        let at = [i, j, k].map(|c| c.rem_euclid(n) as usize);
-                        let cell = scan(self.spline.coefficients(), self.spline.samples(), at, 1);
-                        steepest = steepest.max(cell.steepest);
-                    }
-                }
-            }
-            steepest
-        };
-        let steepest = (first..half)
-            .into_par_iter()
-            .map(in_slab)
-            .reduce(|| 0.0, f32::max);
-        f64::from(steepest) * scale * (1.0 + 1e-6) + self.rounding() * scale
+    /// Bound of the gradient's length over a box.
+    pub fn gradient_bound(&self, region: &CellBox<3>) -> f64 {
+        self.range(region).1
     }
 
     #[inline]
@@ -250,17 +248,28 @@ impl Table {
         }
     }
 
+    #[inline]
+    fn raw(&self, p: CellPoint<3>) -> f32 {
+        match &self.function {
+            Function::Plain(leaf) => leaf.spline.value(p.0.into()),
+            Function::Tree(form, leaves) => tree_value(form, leaves, p.0),
+        }
+    }
+
     /// Values at points, into `out` of the same length.
     pub fn values(&self, points: &[CellPoint<3>], out: &mut [f32]) {
         for (v, &p) in out.iter_mut().zip(points) {
-            *v = self.solid_value(self.spline.value(p.0.into()));
+            *v = self.solid_value(self.raw(p));
         }
     }
 
     /// Value and gradient in single precision, as they are computed.
     #[inline]
     pub fn sample(&self, p: CellPoint<3>) -> (f32, [f32; 3]) {
-        let (raw, g) = self.spline.value_and_gradient(p.0.into());
+        let (raw, g) = match &self.function {
+            Function::Plain(leaf) => leaf.spline.value_and_gradient(p.0.into()),
+            Function::Tree(form, leaves) => tree_slope(form, leaves, p.0),
+        };
         let slope = match self.solid {
             Solid::Below | Solid::Above => self.sign,
             Solid::Sheet => 1f32.copysign(raw),
@@ -270,16 +279,39 @@ impl Table {
     }
 }
 
-/// Whether the cube of edge `h` at `lo` meets the reference tetrahedron.
-fn meets_tet(lo: Vec3, h: f64) -> bool {
-    [[1., 1., 1.], [1., -1., -1.], [-1., 1., -1.], [-1., -1., 1.]]
-        .iter()
-        .all(|n| {
-            let least: f64 = (0..3)
-                .map(|a| n[a] * if n[a] > 0.0 { lo[a] } else { lo[a] + h })
-                .sum();
-            least <= 0.5 + 1e-9
-        })
+/// The function that a cell's table holds: Phi minus the level that is solid's border.
+fn function(cell: &Cell) -> Form {
+    let centre = cell.solid().centre(cell.level());
+    if centre == 0.0 {
+        return cell.form().clone();
+    }
+    cell.form().shifted(centre)
+}
+
+/// The spectra of a form's leaves, in order.
+fn spectra(form: &Form) -> Result<Vec<Spectrum>, CellError> {
+    let mut all = Vec::new();
+    form.value_by(&mut |leaf| {
+        all.push(Spectrum::new(leaf));
+        0.0
+    });
+    all.into_iter().collect()
+}
+
+#[inline(never)]
+fn tree_value(form: &Form, leaves: &[Leaf], p: Vec3) -> f32 {
+    let mut each = leaves.iter();
+    form.value_by(&mut |_| each.next().map_or(f64::NAN, |leaf| leaf.value(p))) as f32
+}
+
+#[inline(never)]
+fn tree_slope(form: &Form, leaves: &[Leaf], p: Vec3) -> (f32, [f32; 3]) {
+    let mut each = leaves.iter();
+    let (v, g) = form.slope_by(&mut |_| {
+        each.next()
+            .map_or((f64::NAN, Vec3::zeros()), |leaf| leaf.slope(p))
+    });
+    (v as f32, g.map(|c| c as f32).into())
 }
 
 impl Field for Table {
@@ -287,7 +319,7 @@ impl Field for Table {
 
     #[inline]
     fn value(&self, p: CellPoint<3>) -> f64 {
-        f64::from(self.solid_value(self.spline.value(p.0.into())))
+        f64::from(self.solid_value(self.raw(p)))
     }
 
     #[inline]
@@ -297,17 +329,12 @@ impl Field for Table {
     }
 
     fn bound(&self, region: &CellBox<3>) -> Interval {
-        let (from, count) = self.spline_cells(region);
-        let range = self.pyramid.query(from, count);
-        let raw = Interval::new(
-            f64::from(range.least) - self.rounding(),
-            f64::from(range.greatest) + self.rounding(),
-        );
+        let (raw, _) = self.range(region);
         match self.solid {
             Solid::Below | Solid::Sheet | Solid::Channels => {
                 self.solid.interval(raw, f64::from(self.half))
             }
-            Solid::Above => Interval::new(-raw.hi, -raw.lo),
+            Solid::Above => raw.negated(),
         }
     }
 }

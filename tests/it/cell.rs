@@ -3,6 +3,7 @@
 mod figures;
 mod file;
 mod fit;
+mod form;
 mod source;
 mod table;
 
@@ -364,12 +365,6 @@ fn cell_of(pairings: Vec<(Element, &'static str, &'static str)>) -> impl Strateg
 /// A random cell of any element, group and lattice.
 fn any_cell() -> impl Strategy<Value = Cell> {
     cell_of(pairings())
-}
-
-/// A random cell on a lattice with a cubic period.
-fn cubic_cell() -> impl Strategy<Value = Cell> {
-    let cubic = |p: &(Element, &str, &str)| matches!(p.2, "cubic" | "fcc2");
-    cell_of(pairings().into_iter().filter(cubic).collect())
 }
 
 fn any_point() -> impl Strategy<Value = CellPoint<3>> {

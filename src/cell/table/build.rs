@@ -1,59 +1,207 @@
 //! Coefficients of a table from the spectrum of a series, and the error it makes.
 
-use super::super::{Cell, CellError, Series};
-use crate::symmetry::{Frequency, Lattice};
+use super::super::form::Node;
+use super::super::pairing::embedded;
+use super::super::{CellError, Series};
+use super::spline::Grid;
+use crate::frame::Mat3;
 use rayon::prelude::*;
 use rustfft::{FftPlanner, num_complex::Complex64};
 use std::f64::consts::{PI, TAU};
 
-/// Indices beyond this on the cubic period have no table.
+/// Indices beyond this on the period along an axis have no table.
 const GREATEST_INDEX: i32 = 127;
 
-/// The series of a cell and its cubic period.
-fn cubic(cell: &Cell) -> Result<(&Series<3>, f64), CellError> {
-    let no_table = |reason: &str| CellError::NoTable {
-        reason: reason.to_owned(),
-    };
-    let series = cell
-        .series()
-        .ok_or_else(|| no_table("its function is not one series in space"))?;
-    match series.lattice().periods() {
-        Some([x, y, z]) if x == y && y == z => Ok((series, x)),
-        _ => Err(no_table("its lattice has no cubic period")),
+/// A series on the box of its periods, whose edges are the Cartesian axes.
+pub(super) struct Spectrum {
+    /// Indices per axis, with the coefficients; without the zero ones.
+    terms: Vec<([i32; 3], [f64; 2])>,
+    periods: [f64; 3],
+    /// Largest index along each axis.
+    greatest: [i32; 3],
+    /// Axes that operators exchange have the least of their numbers: their grids must be alike.
+    class: [usize; 3],
+    /// The identity, and one operator of each coset of those that keep the grid: the mean over them
+    /// of the interpolant is as symmetric as the series.
+    pub turns: Vec<Mat3>,
+    /// Whether nothing changes along z.
+    pub planar: bool,
+}
+
+/// Whether an operator only exchanges and turns around the axes; then which axis goes where.
+fn exchange(q: &Mat3) -> Option<[usize; 3]> {
+    let mut goes = [0; 3];
+    for (axis, to) in goes.iter_mut().enumerate() {
+        *to = (0..3).find(|&i| (q[(i, axis)].abs() - 1.0).abs() < 1e-9)?;
     }
+    Some(goes)
 }
 
-/// The index of a wave on the cubic period: h = P f.
-fn cubic_index(lattice: &Lattice<3>, period: f64, k: Frequency<3>) -> [i32; 3] {
-    let f = lattice.frequency(k) * period;
-    std::array::from_fn(|a| f[a].round() as i32)
-}
+impl Spectrum {
+    /// The spectrum of a leaf.
+    pub fn new(leaf: &Node) -> Result<Self, CellError> {
+        match leaf {
+            Node::Planar(s) => Self::of(s),
+            Node::Series(s) => Self::of(s),
+            _ => Err(CellError::NoTable {
+                reason: "it is no series".to_owned(),
+            }),
+        }
+    }
 
-/// The exponentials of a cell on its cubic period, without the zero ones.
-fn spectrum(cell: &Cell) -> Result<impl Iterator<Item = ([i32; 3], [f64; 2])> + '_, CellError> {
-    let (series, period) = cubic(cell)?;
-    let lattice = series.lattice();
-    Ok(series
-        .exponentials()
-        .iter()
-        .filter(|(_, c)| *c != [0.0; 2])
-        .map(move |&(k, c)| (cubic_index(lattice, period, k), c)))
-}
+    fn of<const D: usize>(series: &Series<D>) -> Result<Self, CellError> {
+        let lattice = series.lattice();
+        let own = lattice.periods().ok_or_else(|| CellError::NoTable {
+            reason: format!(
+                "its lattice {:?} has no period along the axes",
+                lattice.vectors()
+            ),
+        })?;
+        let periods = std::array::from_fn(|a| if a < D { own[a] } else { 1.0 });
+        let mut greatest = [0; 3];
+        let mut terms = Vec::with_capacity(series.exponentials().len());
+        for &(k, c) in series.exponentials() {
+            if c == [0.0; 2] {
+                continue;
+            }
+            let f = lattice.frequency(k);
+            let mut h = [0; 3];
+            for a in 0..D {
+                h[a] = (f[a] * own[a]).round() as i32;
+                greatest[a] = greatest[a].max(h[a].abs());
+            }
+            terms.push((h, c));
+        }
+        if let Some(&index) = greatest.iter().find(|&&g| g > GREATEST_INDEX) {
+            return Err(CellError::TableTooLarge {
+                index,
+                limit: 2 * GREATEST_INDEX as usize + 2,
+            });
+        }
+        let operators = embedded(series.group(), lattice);
+        let mut class = [0, 1, 2];
+        for goes in operators.iter().filter_map(exchange) {
+            for (axis, to) in goes.into_iter().enumerate() {
+                let least = class[axis].min(class[to]);
+                let (a, b) = (class[axis], class[to]);
+                for c in &mut class {
+                    if *c == a || *c == b {
+                        *c = least;
+                    }
+                }
+            }
+        }
+        let mut turns = vec![Mat3::identity()];
+        for q in operators {
+            if turns
+                .iter()
+                .all(|t| exchange(&(q * t.transpose())).is_none())
+            {
+                turns.push(q);
+            }
+        }
+        Ok(Self {
+            terms,
+            periods,
+            greatest,
+            class,
+            turns,
+            planar: D == 2,
+        })
+    }
 
-/// Largest index along an axis of the cubic period.
-pub(super) fn greatest_index(cell: &Cell) -> Result<i32, CellError> {
-    let index = spectrum(cell)?
-        .flat_map(|(h, _)| h)
-        .map(i32::abs)
-        .max()
-        .unwrap_or(0);
-    if index > GREATEST_INDEX {
-        return Err(CellError::TableTooLarge {
-            index,
-            limit: 2 * GREATEST_INDEX as usize + 2,
+    /// The grid with at least `wanted` samples, given the largest index, along every axis; axes that
+    /// operators exchange get equal numbers.
+    pub fn grid(&self, wanted: impl Fn(i32) -> usize) -> Grid {
+        let size = |axis: usize| {
+            let alike = (0..3).filter(|&a| self.class[a] == self.class[axis]);
+            good_size(wanted(alike.map(|a| self.greatest[a]).max().unwrap_or(0)))
+        };
+        let samples = std::array::from_fn(|a| if self.planar && a == 2 { 1 } else { size(a) });
+        Grid {
+            samples,
+            periods: self.periods,
+        }
+    }
+
+    /// Largest index along any axis.
+    pub fn greatest(&self) -> i32 {
+        self.greatest.into_iter().max().unwrap_or(0)
+    }
+
+    /// That the grid can hold every wave.
+    pub fn check(&self, grid: &Grid) -> Result<(), CellError> {
+        for (index, limit) in self.greatest.into_iter().zip(grid.samples) {
+            if limit <= 2 * index as usize {
+                return Err(CellError::TableTooLarge { index, limit });
+            }
+        }
+        Ok(())
+    }
+
+    /// Bounds of the interpolation error of the value and of each component of the gradient.
+    ///
+    /// Along an axis the interpolant of the wave h is a sum of waves h + m N of sizes a(m) >= 0 that
+    /// add up to 1, where a(0) is `kept` and a(m) = a(0) (h / (h + m N))^4. So the value's error is
+    /// at most 2 (1 - prod a), and that of the derivative along axis i at most 2 pi |h| / P times
+    /// what the wave loses, 1 - prod a, what aliases across the axis add, a (1 - the product of the
+    /// others), and those along it, a times the sum over m of |h / (h + m N)|^3.
+    pub fn error_bounds(&self, grid: &Grid) -> (f64, f64) {
+        let tables: [Vec<(f64, f64)>; 3] = std::array::from_fn(|a| {
+            let n = grid.samples[a] as f64;
+            (0..=self.greatest[a])
+                .map(|h| (kept(h, n), aliases(h, n)))
+                .collect()
         });
+        let (mut value, mut slope) = (0.0, [0.0; 3]);
+        for &(h, [re, im]) in &self.terms {
+            let size = re.hypot(im);
+            let of = |axis: usize| tables[axis][h[axis].unsigned_abs() as usize];
+            let product: f64 = (0..3).map(|a| of(a).0).product();
+            value += size * 2.0 * (1.0 - product);
+            for axis in 0..3 {
+                let (gain, aliases) = of(axis);
+                let lost = (1.0 - product) + (gain - product) + gain * aliases;
+                slope[axis] += size * TAU * f64::from(h[axis].abs()) / self.periods[axis] * lost;
+            }
+        }
+        let worst = if self.turns.len() == 1 {
+            slope.into_iter().fold(0.0, f64::max)
+        } else {
+            // A turned component is a sum of several.
+            slope.iter().map(|s| s * s).sum::<f64>().sqrt()
+        };
+        (value, worst)
     }
-    Ok(index)
+
+    /// Padded coefficients of the spline that interpolates the series.
+    pub fn coefficients(&self, grid: &Grid) -> Vec<f32> {
+        let [nx, ny, nz] = grid.samples;
+        let mut values = vec![Complex64::default(); nx * ny * nz];
+        for &(h, [re, im]) in &self.terms {
+            let gain: f64 = (0..3)
+                .map(|a| attenuation(h[a], grid.samples[a] as f64))
+                .product();
+            let [x, y, z] = [0, 1, 2].map(|a| h[a].rem_euclid(grid.samples[a] as i32) as usize);
+            values[(x * ny + y) * nz + z] += Complex64::new(re, im) / gain;
+        }
+        inverse_transform(&mut values, grid.samples);
+        let [sx, sy, sz] = grid.padded();
+        let mut padded = vec![0f32; sx * sy * sz];
+        padded
+            .par_chunks_mut(sy * sz)
+            .enumerate()
+            .for_each(|(i, plane)| {
+                let wrap = |c: usize, n: usize| (c + n - 1) % n;
+                for j in 0..sy {
+                    let from = (wrap(i, nx) * ny + wrap(j, ny)) * nz;
+                    for k in 0..sz {
+                        plane[j * sz + k] = values[from + wrap(k, nz)].re as f32;
+                    }
+                }
+            });
+        padded
+    }
 }
 
 /// The least even size >= `n` whose only prime factors are 2, 3 and 5.
@@ -85,35 +233,6 @@ fn kept(h: i32, n: f64) -> f64 {
     sinc.powi(4) / attenuation(h, n)
 }
 
-/// Bounds of the interpolation error of the value and of each component of the gradient.
-///
-/// Along an axis the interpolant of the wave h is a sum of waves h + m N of sizes a(m) >= 0 that add
-/// up to 1, where a(0) is `kept` and a(m) = a(0) (h / (h + m N))^4. So the value's error is at most
-/// 2 (1 - prod a), and that of the derivative along axis i at most 2 pi |h| / P times what the
-/// wave loses, 1 - prod a, what aliases across the axis add, a (1 - the product of the others),
-/// and those along it, a times the sum over m of |h / (h + m N)|^3.
-pub(super) fn error_bounds(cell: &Cell, samples: usize) -> Result<(f64, f64), CellError> {
-    let greatest = greatest_index(cell)?;
-    let n = samples as f64;
-    let (_, period) = cubic(cell)?;
-    let table: Vec<(f64, f64)> = (0..=greatest)
-        .map(|h| (kept(h, n), aliases(h, n)))
-        .collect();
-    let (mut value, mut slope) = (0.0, [0.0; 3]);
-    for (h, [re, im]) in spectrum(cell)? {
-        let size = re.hypot(im);
-        let mu = h.map(|c| table[c.unsigned_abs() as usize].0);
-        let product: f64 = mu.iter().product();
-        value += size * 2.0 * (1.0 - product);
-        for axis in 0..3 {
-            let (gain, aliases) = table[h[axis].unsigned_abs() as usize];
-            let lost = (1.0 - product) + (gain - product) + gain * aliases;
-            slope[axis] += size * TAU * f64::from(h[axis].abs()) / period * lost;
-        }
-    }
-    Ok((value, slope.into_iter().fold(0.0, f64::max)))
-}
-
 /// Bound of the sum over m != 0 of |h / (h + m N)|^3.
 fn aliases(h: i32, n: f64) -> f64 {
     const TERMS: i32 = 20;
@@ -126,55 +245,30 @@ fn aliases(h: i32, n: f64) -> f64 {
     near + (ratio / (f64::from(TERMS) - 0.5)).powi(2) * ratio
 }
 
-/// Period and padded coefficients of the spline that interpolates Phi minus its centre.
-pub(super) fn coefficients(cell: &Cell, n: usize) -> Result<(f64, Vec<f32>), CellError> {
-    greatest_index(cell)?;
-    let mut grid = vec![Complex64::default(); n * n * n];
-    for (h, [re, im]) in spectrum(cell)? {
-        let gain: f64 = h.iter().map(|&c| attenuation(c, n as f64)).product();
-        let [x, y, z] = h.map(|c| c.rem_euclid(n as i32) as usize);
-        grid[(x * n + y) * n + z] += Complex64::new(re, im) / gain;
-    }
-    grid[0] -= cell.solid().centre(cell.level());
-    inverse_transform(&mut grid, n);
-    let s = n + 3;
-    let mut padded = vec![0f32; s * s * s];
-    padded
-        .par_chunks_mut(s * s)
-        .enumerate()
-        .for_each(|(i, plane)| {
-            let wrap = |c: usize| (c + n - 1) % n;
-            for j in 0..s {
-                let from = (wrap(i) * n + wrap(j)) * n;
-                for k in 0..s {
-                    plane[j * s + k] = grid[from + wrap(k)].re as f32;
-                }
-            }
-        });
-    Ok((cubic(cell)?.1, padded))
-}
-
-/// Unnormalised inverse transform of a cube, one axis after the other; the axes rotate so that each
+/// Unnormalised inverse transform of a box, one axis after the other; the axes rotate so that each
 /// in turn is the contiguous one.
-fn inverse_transform(grid: &mut Vec<Complex64>, n: usize) {
-    let fft = FftPlanner::new().plan_fft_inverse(n);
+fn inverse_transform(grid: &mut Vec<Complex64>, mut sizes: [usize; 3]) {
+    let mut planner = FftPlanner::new();
     for _ in 0..3 {
-        grid.par_chunks_mut(n * n).for_each(|plane| {
+        let [nx, ny, nz] = sizes;
+        let fft = planner.plan_fft_inverse(nz);
+        grid.par_chunks_mut(ny * nz).for_each(|plane| {
             let mut scratch = vec![Complex64::default(); fft.get_inplace_scratch_len()];
-            for row in plane.chunks_exact_mut(n) {
+            for row in plane.chunks_exact_mut(nz) {
                 fft.process_with_scratch(row, &mut scratch);
             }
         });
         // (x, y, z) -> (z, x, y)
         let mut turned = vec![Complex64::default(); grid.len()];
         turned
-            .par_chunks_mut(n * n)
+            .par_chunks_mut(nx * ny)
             .enumerate()
             .for_each(|(z, plane)| {
                 for (xy, v) in plane.iter_mut().enumerate() {
-                    *v = grid[xy * n + z];
+                    *v = grid[xy * nz + z];
                 }
             });
         *grid = turned;
+        sizes = [nz, nx, ny];
     }
 }

@@ -1,5 +1,7 @@
 //! Extremes of B-spline coefficients over ranges of spline cells: overlapping windows of many sizes.
 
+use super::spline::Grid;
+
 /// Extremes of the coefficients that matter in a range of spline cells.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Range {
@@ -7,7 +9,7 @@ pub(super) struct Range {
     pub least: f32,
     /// Greatest coefficient.
     pub greatest: f32,
-    /// Bound of the gradient's length, per spline cell.
+    /// Bound of the gradient's length, per unit of reference length.
     pub steepest: f32,
 }
 
@@ -25,23 +27,24 @@ impl Range {
     }
 }
 
-/// Windows of `width` spline cells per axis, one at every multiple of `stride`, wrapping around.
+/// Windows of `width` spline cells per axis, one at every multiple of the axis' stride, wrapping
+/// around.
 struct Level {
     width: usize,
-    stride: usize,
-    count: usize,
+    stride: [usize; 3],
+    count: [usize; 3],
     windows: Vec<Range>,
 }
 
 impl Level {
     fn at(&self, i: usize, j: usize, k: usize) -> &Range {
-        &self.windows[(i * self.count + j) * self.count + k]
+        &self.windows[(i * self.count[1] + j) * self.count[2] + k]
     }
 }
 
 /// Windows that answer any box with a few look-ups, at most one stride too wide on each side.
 pub(super) struct Pyramid {
-    samples: usize,
+    samples: [usize; 3],
     largest: f32,
     /// In ascending order of width; the last one holds everything.
     levels: Vec<Level>,
@@ -51,18 +54,18 @@ pub(super) struct Pyramid {
 const LOOK_UPS: usize = 64;
 
 impl Pyramid {
-    /// From padded coefficients, [samples + 3]^3, `samples` even.
-    pub fn new(coefficients: &[f32], samples: usize) -> Self {
-        let mut levels = vec![base(coefficients, samples)];
+    /// From the padded coefficients of a grid.
+    pub fn new(coefficients: &[f32], grid: &Grid) -> Self {
+        let mut levels = vec![base(coefficients, grid)];
         while let Some(last) = levels.last() {
-            let Some(next) = wider(last, samples) else {
+            let Some(next) = wider(last, grid.samples) else {
                 break;
             };
             levels.push(next);
         }
         let largest = coefficients.iter().fold(0f32, |m, c| m.max(c.abs()));
         Self {
-            samples,
+            samples: grid.samples,
             largest,
             levels,
         }
@@ -84,14 +87,15 @@ impl Pyramid {
     pub fn query(&self, from: [usize; 3], count: [usize; 3]) -> Range {
         // Per axis: windows from the last one that starts at or before the range.
         let cover = |l: &Level, a: usize| {
-            if count[a] >= self.samples {
-                return (0, self.samples.div_ceil(l.width));
+            if count[a] >= self.samples[a] {
+                return (0, self.samples[a].div_ceil(l.width));
             }
-            let first = from[a] / l.stride;
-            let span = from[a] + count[a] - first * l.stride;
+            let first = from[a] / l.stride[a];
+            let span = from[a] + count[a] - first * l.stride[a];
             (first, span.div_ceil(l.width))
         };
-        let least = count.into_iter().min().unwrap_or(1);
+        let varies = (0..3).filter(|&a| self.samples[a] > 1);
+        let least = varies.map(|a| count[a]).min().unwrap_or(1);
         let level = self
             .levels
             .iter()
@@ -110,16 +114,17 @@ impl Pyramid {
         let [(i0, ni), (j0, nj), (k0, nk)] = [0, 1, 2].map(|a| cover(level, a));
         // The last window of an axis may start earlier, so as to end with the range.
         let start = |a: usize, first: usize, n: usize, w: usize| {
-            let plain = first * level.stride + w * level.width;
+            let stride = level.stride[a];
+            let plain = first * stride + w * level.width;
             let end = from[a] + count[a];
-            let s = if w + 1 == n && w > 0 && count[a] < self.samples {
+            let s = if w + 1 == n && w > 0 && count[a] < self.samples[a] {
                 end.saturating_sub(level.width)
-                    .next_multiple_of(level.stride)
+                    .next_multiple_of(stride)
                     .min(plain)
             } else {
                 plain
             };
-            (s / level.stride) % level.count
+            (s / stride) % level.count[a]
         };
         let mut range = Range::NOTHING;
         for i in 0..ni {
@@ -137,74 +142,83 @@ impl Pyramid {
     }
 }
 
-/// Extremes over a block of `edge` spline cells per axis, straight from the padded coefficients.
-pub(super) fn scan(c: &[f32], samples: usize, [x, y, z]: [usize; 3], edge: usize) -> Range {
-    let (s, reach) = (samples + 3, edge + 3);
+/// Extremes over a block of `edge` spline cells per axis, straight from the padded coefficients; an
+/// axis with one sample has one cell.
+pub(super) fn scan(c: &[f32], grid: &Grid, [x, y, z]: [usize; 3], edge: usize) -> Range {
+    let [_, sy, sz] = grid.padded();
+    let reach = grid.samples.map(|n| edge.min(n) + 3);
     let mut range = Range::NOTHING;
     let mut slope = [0f32; 3];
-    for i in x..x + reach {
-        for j in y..y + reach {
-            for k in z..z + reach {
-                let at = (i * s + j) * s + k;
+    for i in x..x + reach[0] {
+        for j in y..y + reach[1] {
+            for k in z..z + reach[2] {
+                let at = (i * sy + j) * sz + k;
                 let v = c[at];
                 range.least = range.least.min(v);
                 range.greatest = range.greatest.max(v);
-                if i < x + reach - 1 {
-                    slope[0] = slope[0].max((c[at + s * s] - v).abs());
+                if i < x + reach[0] - 1 {
+                    slope[0] = slope[0].max((c[at + sy * sz] - v).abs());
                 }
-                if j < y + reach - 1 {
-                    slope[1] = slope[1].max((c[at + s] - v).abs());
+                if j < y + reach[1] - 1 {
+                    slope[1] = slope[1].max((c[at + sz] - v).abs());
                 }
-                if k < z + reach - 1 {
+                if k < z + reach[2] - 1 {
                     slope[2] = slope[2].max((c[at + 1] - v).abs());
                 }
             }
         }
     }
-    range.steepest = slope.iter().map(|d| d * d).sum::<f32>().sqrt();
+    let scale = grid.per_unit();
+    let square: f32 = (0..3).map(|a| (slope[a] * scale[a] as f32).powi(2)).sum();
+    range.steepest = square.sqrt();
     range
 }
 
 /// Windows of two spline cells, side by side.
-fn base(coefficients: &[f32], samples: usize) -> Level {
+fn base(coefficients: &[f32], grid: &Grid) -> Level {
     use rayon::prelude::*;
-    let count = samples / 2;
-    let mut windows = vec![Range::NOTHING; count * count * count];
+    let count = grid.samples.map(|n| n.div_ceil(2));
+    let plane_size = count[1] * count[2];
+    let mut windows = vec![Range::NOTHING; count[0] * plane_size];
     windows
-        .par_chunks_mut(count * count)
+        .par_chunks_mut(plane_size)
         .enumerate()
         .for_each(|(i, plane)| {
             for (jk, window) in plane.iter_mut().enumerate() {
-                let (j, k) = (jk / count, jk % count);
-                *window = scan(coefficients, samples, [2 * i, 2 * j, 2 * k], 2);
+                let (j, k) = (jk / count[2], jk % count[2]);
+                *window = scan(coefficients, grid, [2 * i, 2 * j, 2 * k], 2);
             }
         });
     Level {
         width: 2,
-        stride: 2,
+        stride: [2; 3],
         count,
         windows,
     }
 }
 
-/// Windows twice as wide; their stride doubles once they overlap by three quarters.
-fn wider(last: &Level, samples: usize) -> Option<Level> {
+/// Windows twice as wide; an axis' stride doubles once they overlap by three quarters.
+fn wider(last: &Level, samples: [usize; 3]) -> Option<Level> {
     let width = 2 * last.width;
-    if last.width >= samples {
+    if samples.into_iter().all(|n| last.width >= n) {
         return None;
     }
-    let coarser = last.width >= 4 * last.stride && last.count % 2 == 0;
-    let step = if coarser { 2 } else { 1 };
-    let count = last.count / step;
-    let half = last.width / last.stride;
-    let mut windows = Vec::with_capacity(count * count * count);
-    for i in 0..count {
-        for j in 0..count {
-            for k in 0..count {
+    let step = [0, 1, 2].map(|a| {
+        let coarser = last.width >= 4 * last.stride[a] && last.count[a] % 2 == 0;
+        if coarser { 2 } else { 1 }
+    });
+    let count = [0, 1, 2].map(|a| last.count[a] / step[a]);
+    let half = [0, 1, 2].map(|a| last.width / last.stride[a]);
+    let mut windows = Vec::with_capacity(count.iter().product());
+    for i in 0..count[0] {
+        for j in 0..count[1] {
+            for k in 0..count[2] {
                 let mut window = Range::NOTHING;
                 for d in 0..8 {
-                    let at = |c: usize, bit: usize| (c * step + (d >> bit & 1) * half) % last.count;
-                    window.join(last.at(at(i, 2), at(j, 1), at(k, 0)));
+                    let at = |c: usize, a: usize| {
+                        (c * step[a] + (d >> (2 - a) & 1) * half[a]) % last.count[a]
+                    };
+                    window.join(last.at(at(i, 0), at(j, 1), at(k, 2)));
                 }
                 windows.push(window);
             }
@@ -212,7 +226,7 @@ fn wider(last: &Level, samples: usize) -> Option<Level> {
     }
     Some(Level {
         width,
-        stride: last.stride * step,
+        stride: [0, 1, 2].map(|a| last.stride[a] * step[a]),
         count,
         windows,
     })

@@ -8,14 +8,34 @@
 /// Four neighbouring coefficients along z.
 type Row = [f32; 4];
 
-/// A periodic tricubic B-spline on the cube of its period.
+/// The grid of a spline: samples and period per axis.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Grid {
+    /// Samples per period; even, but for the one of an axis along which nothing changes.
+    pub samples: [usize; 3],
+    /// Periods in reference units.
+    pub periods: [f64; 3],
+}
+
+impl Grid {
+    /// Spline cells per unit of reference length.
+    pub fn per_unit(&self) -> [f64; 3] {
+        std::array::from_fn(|a| self.samples[a] as f64 / self.periods[a])
+    }
+
+    /// Sizes of the coefficients with three repeated layers per axis.
+    pub fn padded(&self) -> [usize; 3] {
+        self.samples.map(|n| n + 3)
+    }
+}
+
+/// A periodic tricubic B-spline on the box of its periods.
 pub(super) struct Spline {
-    samples: usize,
-    period: f64,
-    /// Coefficients with three repeated layers per axis, [samples + 3]^3: no index wraps inside.
+    grid: Grid,
+    /// Coefficients with three repeated layers per axis: no index wraps inside.
     coefficients: Vec<f32>,
-    per_unit: f64,
-    inverse_period: f64,
+    inverse_periods: [f64; 3],
+    per_unit: [f32; 3],
     /// Offsets of the 16 rows of a spline cell from its first coefficient.
     rows: [usize; 16],
 }
@@ -51,30 +71,20 @@ fn dot(a: Row, b: Row) -> f32 {
 }
 
 impl Spline {
-    /// From padded coefficients, [samples + 3]^3, of one period.
-    pub fn new(coefficients: Vec<f32>, samples: usize, period: f64) -> Self {
-        let s = samples + 3;
+    /// From the padded coefficients of one period.
+    pub fn new(coefficients: Vec<f32>, grid: Grid) -> Self {
+        let [_, sy, sz] = grid.padded();
         Self {
-            samples,
-            period,
+            grid,
             coefficients,
-            per_unit: samples as f64 / period,
-            inverse_period: period.recip(),
-            rows: std::array::from_fn(|n| ((n >> 2) * s + (n & 3)) * s),
+            inverse_periods: grid.periods.map(f64::recip),
+            per_unit: grid.per_unit().map(|c| c as f32),
+            rows: std::array::from_fn(|n| ((n >> 2) * sy + (n & 3)) * sz),
         }
     }
 
-    pub fn samples(&self) -> usize {
-        self.samples
-    }
-
-    pub fn period(&self) -> f64 {
-        self.period
-    }
-
-    /// Spline cells per unit of reference length.
-    pub fn per_unit(&self) -> f64 {
-        self.per_unit
+    pub fn grid(&self) -> &Grid {
+        &self.grid
     }
 
     pub fn coefficients(&self) -> &[f32] {
@@ -83,25 +93,31 @@ impl Spline {
 
     /// Number of the spline cell along an axis and the place in it, from 0 to 1.
     #[inline(always)]
-    fn along(&self, x: f64) -> (usize, f32) {
-        let v = x * self.inverse_period;
+    fn along(&self, x: f64, axis: usize) -> (usize, f32) {
+        let v = x * self.inverse_periods[axis];
         let fraction = v - v as i64 as f64;
         let turn = if fraction < 0.0 {
             fraction + 1.0
         } else {
             fraction
         };
-        let w = turn * self.samples as f64;
-        let cell = (w as i32 as usize).min(self.samples - 1);
+        let samples = self.grid.samples[axis];
+        let w = turn * samples as f64;
+        let cell = (w as i32 as usize).min(samples - 1);
         (cell, (w - cell as i32 as f64) as f32)
     }
 
     /// The coefficients from the first one of the point's spline cell on, and the place in the cell.
     #[inline(always)]
     fn place(&self, x: [f64; 3]) -> (&[f32], [f32; 3]) {
-        let [(i, a), (j, b), (k, c)] = [self.along(x[0]), self.along(x[1]), self.along(x[2])];
-        let s = self.samples + 3;
-        (&self.coefficients[(i * s + j) * s + k..], [a, b, c])
+        let [(i, a), (j, b), (k, c)] = [
+            self.along(x[0], 0),
+            self.along(x[1], 1),
+            self.along(x[2], 2),
+        ];
+        let [_, ny, nz] = self.grid.samples;
+        let at = (i * (ny + 3) + j) * (nz + 3) + k;
+        (&self.coefficients[at..], [a, b, c])
     }
 
     /// The value at a point.
@@ -150,10 +166,7 @@ impl Spline {
             }
         }
         let along_z = dot([sums[0][0], sums[1][0], sums[2][0], sums[3][0]], dz);
-        let scale = self.per_unit as f32;
-        (
-            total[0],
-            [total[1] * scale, total[2] * scale, along_z * scale],
-        )
+        let [sx, sy, sz] = self.per_unit;
+        (total[0], [total[1] * sx, total[2] * sy, along_z * sz])
     }
 }

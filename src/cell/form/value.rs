@@ -1,0 +1,220 @@
+//! What a form makes of the values of its series: values, gradients, intervals.
+//!
+//! Each function asks for the leaves one by one, in the order of `Form::leaves`, so that exact
+//! series and tables of them share the rules.
+
+use super::{Form, Node};
+use crate::field::{Field, Interval};
+use crate::frame::{CellBox, CellPoint, Vec3};
+
+/// The rounded minimum of two values and its derivatives by them.
+fn rounded_least(a: f64, b: f64, radius: f64) -> (f64, [f64; 2]) {
+    let share = if radius > 0.0 {
+        (radius - (a - b).abs()).max(0.0) / radius
+    } else {
+        0.0
+    };
+    let value = a.min(b) - share * share * radius / 4.0;
+    let far = share / 2.0;
+    let slopes = if a <= b {
+        [1.0 - far, far]
+    } else {
+        [far, 1.0 - far]
+    };
+    (value, slopes)
+}
+
+/// A value with its gradient.
+type Slope = (f64, Vec3);
+
+fn negative((v, g): Slope) -> Slope {
+    (-v, -g)
+}
+
+impl Form {
+    /// The value where the leaves have the values that `leaf` gives.
+    pub(in crate::cell) fn value_by(&self, leaf: &mut dyn FnMut(&Node) -> f64) -> f64 {
+        let mut least = |parts: &[Self], radius: f64, sign: f64| {
+            parts
+                .iter()
+                .map(|f| sign * f.value_by(leaf))
+                .reduce(|a, b| rounded_least(a, b, radius).0)
+                .unwrap_or(f64::INFINITY)
+        };
+        match self.node() {
+            Node::Series(_) | Node::Planar(_) => leaf(self.node()),
+            Node::Sum(parts) => parts.iter().map(|(w, f)| w * f.value_by(leaf)).sum(),
+            Node::Least(parts, radius) => least(parts, *radius, 1.0),
+            Node::Greatest(parts, radius) => -least(parts, *radius, -1.0),
+            Node::Magnitude(f) => f.value_by(leaf).abs(),
+            Node::Shift(f, by) => f.value_by(leaf) - by,
+            Node::Negation(f) => -f.value_by(leaf),
+        }
+    }
+
+    /// Value and gradient where the leaves have those that `leaf` gives.
+    pub(in crate::cell) fn slope_by(&self, leaf: &mut dyn FnMut(&Node) -> Slope) -> Slope {
+        let mut least = |parts: &[Self], radius: f64, turn: fn(Slope) -> Slope| {
+            parts
+                .iter()
+                .map(|f| turn(f.slope_by(leaf)))
+                .reduce(|(a, ga), (b, gb)| {
+                    let (v, [sa, sb]) = rounded_least(a, b, radius);
+                    (v, ga * sa + gb * sb)
+                })
+                .unwrap_or((f64::INFINITY, Vec3::zeros()))
+        };
+        match self.node() {
+            Node::Series(_) | Node::Planar(_) => leaf(self.node()),
+            Node::Sum(parts) => parts.iter().fold((0.0, Vec3::zeros()), |(s, g), (w, f)| {
+                let (v, d) = f.slope_by(leaf);
+                (s + w * v, g + d * *w)
+            }),
+            Node::Least(parts, radius) => least(parts, *radius, |s| s),
+            Node::Greatest(parts, radius) => negative(least(parts, *radius, negative)),
+            Node::Magnitude(f) => {
+                let slope = f.slope_by(leaf);
+                if slope.0 < 0.0 {
+                    negative(slope)
+                } else {
+                    slope
+                }
+            }
+            Node::Shift(f, by) => {
+                let (v, g) = f.slope_by(leaf);
+                (v - by, g)
+            }
+            Node::Negation(f) => negative(f.slope_by(leaf)),
+        }
+    }
+
+    /// The interval of values, and a bound of the gradient's length, where the leaves have those
+    /// that `leaf` gives. Every node but the magnitude is monotone in each part; parts that cannot
+    /// be the extreme one anywhere do not count for the gradient.
+    pub(in crate::cell) fn range_by(
+        &self,
+        leaf: &mut dyn FnMut(&Node) -> (Interval, f64),
+    ) -> (Interval, f64) {
+        let mut least = |parts: &[Self], radius: f64, turn: fn(Interval) -> Interval| {
+            let ranges: Vec<(Interval, f64)> = parts
+                .iter()
+                .map(|f| {
+                    let (i, slope) = f.range_by(leaf);
+                    (turn(i), slope)
+                })
+                .collect();
+            // A fold of rounded minima lies below the plain one, by a quarter of the radius a step.
+            let depth = radius * (1.0 + parts.len() as f64 / 4.0);
+            let lowest = ranges.iter().fold(f64::INFINITY, |m, r| m.min(r.0.hi));
+            let steepest = ranges
+                .iter()
+                .filter(|r| r.0.lo <= lowest + depth)
+                .fold(0f64, |m, r| m.max(r.1));
+            let interval = ranges
+                .into_iter()
+                .map(|r| r.0)
+                .reduce(|a, b| {
+                    Interval::new(
+                        rounded_least(a.lo, b.lo, radius).0,
+                        rounded_least(a.hi, b.hi, radius).0,
+                    )
+                })
+                .unwrap_or(Interval::ALL);
+            (interval, steepest)
+        };
+        match self.node() {
+            Node::Series(_) | Node::Planar(_) => leaf(self.node()),
+            Node::Sum(parts) => {
+                parts
+                    .iter()
+                    .fold((Interval::new(0.0, 0.0), 0.0), |(sum, steepest), (w, f)| {
+                        let (i, slope) = f.range_by(leaf);
+                        let (a, b) = (w * i.lo, w * i.hi);
+                        let sum = Interval::new(sum.lo + a.min(b), sum.hi + a.max(b));
+                        (sum, steepest + w.abs() * slope)
+                    })
+            }
+            Node::Least(parts, radius) => least(parts, *radius, |i| i),
+            Node::Greatest(parts, radius) => {
+                let (i, slope) = least(parts, *radius, Interval::negated);
+                (i.negated(), slope)
+            }
+            Node::Magnitude(f) => {
+                let (i, slope) = f.range_by(leaf);
+                (i.magnitude(), slope)
+            }
+            Node::Shift(f, by) => {
+                let (i, slope) = f.range_by(leaf);
+                (Interval::new(i.lo - by, i.hi - by), slope)
+            }
+            Node::Negation(f) => {
+                let (i, slope) = f.range_by(leaf);
+                (i.negated(), slope)
+            }
+        }
+    }
+
+    /// Bounds of the errors of value and gradient where `leaf` gives those of each leaf, and a
+    /// bound of its gradient. Where two parts change places the gradient jumps, and an error of
+    /// their values moves that place: there the bound of the gradient's error does not hold.
+    pub(in crate::cell) fn error_by(&self, leaf: &mut dyn FnMut(&Node) -> [f64; 3]) -> [f64; 3] {
+        match self.node() {
+            Node::Series(_) | Node::Planar(_) => leaf(self.node()),
+            Node::Sum(parts) => parts.iter().fold([0.0; 3], |sum, (w, f)| {
+                let e = f.error_by(leaf);
+                std::array::from_fn(|i| sum[i] + w.abs() * e[i])
+            }),
+            Node::Least(parts, radius) | Node::Greatest(parts, radius) => {
+                let [value, gradient, slope] = parts.iter().fold([0.0; 3], |most, f| {
+                    let e = f.error_by(leaf);
+                    std::array::from_fn(|i| f64::max(most[i], e[i]))
+                });
+                // The weights of two gradients change by an error of the values over the radius.
+                let steps = (parts.len() - 1) as f64;
+                let moved = if *radius > 0.0 {
+                    steps * 2.0 * slope * value / radius
+                } else {
+                    0.0
+                };
+                [value, gradient + moved, slope]
+            }
+            Node::Magnitude(f) | Node::Shift(f, _) | Node::Negation(f) => f.error_by(leaf),
+        }
+    }
+}
+
+impl Field for Form {
+    type Point = CellPoint<3>;
+
+    fn value(&self, p: CellPoint<3>) -> f64 {
+        self.value_by(&mut |leaf| match leaf {
+            Node::Planar(s) => s.value(CellPoint(p.0.xy())),
+            Node::Series(s) => s.value(p),
+            _ => f64::NAN,
+        })
+    }
+
+    fn value_and_gradient(&self, p: CellPoint<3>) -> (f64, Vec3) {
+        self.slope_by(&mut |leaf| match leaf {
+            Node::Planar(s) => {
+                let (v, g) = s.value_and_gradient(CellPoint(p.0.xy()));
+                (v, g.push(0.0))
+            }
+            Node::Series(s) => s.value_and_gradient(p),
+            _ => (f64::NAN, Vec3::zeros()),
+        })
+    }
+
+    fn bound(&self, region: &CellBox<3>) -> Interval {
+        let planar = CellBox {
+            min: region.min.xy(),
+            max: region.max.xy(),
+        };
+        self.range_by(&mut |leaf| match leaf {
+            Node::Planar(s) => (s.bound(&planar), 0.0),
+            Node::Series(s) => (s.bound(region), 0.0),
+            _ => (Interval::ALL, f64::INFINITY),
+        })
+        .0
+    }
+}

@@ -1,0 +1,189 @@
+//! One series of a table: its spline, its bounds, and the turns that make it symmetric.
+
+use super::build::Spectrum;
+use super::pyramid::{Pyramid, scan};
+use super::spline::{Grid, Spline};
+use crate::field::Interval;
+use crate::frame::{CellBox, Element, Face, Mat3, Vec3};
+use rayon::prelude::*;
+
+/// Single precision: what rounding adds to an interval, relative to the largest coefficient.
+const ROUNDING: f64 = 2e-6;
+
+/// A series as a spline. Where operators of its group do not keep the grid (those of order 3 about z,
+/// on a grid along x and y), the value is the mean over the turned points.
+pub(super) struct Leaf {
+    pub spline: Spline,
+    pyramid: Pyramid,
+    turns: Vec<Mat3>,
+    planar: bool,
+    error: (f64, f64),
+}
+
+impl Leaf {
+    /// The leaf on a grid that holds its waves.
+    pub fn new(spectrum: Spectrum, grid: Grid) -> Self {
+        let coefficients = spectrum.coefficients(&grid);
+        Self {
+            pyramid: Pyramid::new(&coefficients, &grid),
+            spline: Spline::new(coefficients, grid),
+            error: spectrum.error_bounds(&grid),
+            turns: spectrum.turns,
+            planar: spectrum.planar,
+        }
+    }
+
+    /// Whether the spline alone is the leaf.
+    pub fn is_plain(&self) -> bool {
+        self.turns.len() == 1 && !self.planar
+    }
+
+    pub fn bytes(&self) -> usize {
+        size_of_val(self.spline.coefficients()) + self.pyramid.bytes()
+    }
+
+    /// Single precision's part of the error of a value.
+    pub fn rounding(&self) -> f64 {
+        ROUNDING * f64::from(self.pyramid.largest())
+    }
+
+    /// The same of a component of the gradient.
+    fn slope_rounding(&self) -> f64 {
+        let scale = self.spline.grid().per_unit();
+        self.rounding() * scale.into_iter().fold(0.0, f64::max)
+    }
+
+    /// Bounds of the errors of a value and of a gradient's component, and of the gradient.
+    pub fn errors(&self) -> [f64; 3] {
+        let everywhere = self.pyramid.query([0; 3], self.spline.grid().samples);
+        [
+            self.error.0 + self.rounding(),
+            self.error.1 + self.slope_rounding(),
+            f64::from(everywhere.steepest) * (1.0 + 1e-6) + self.slope_rounding(),
+        ]
+    }
+
+    pub fn value(&self, p: Vec3) -> f64 {
+        if self.turns.len() == 1 {
+            return f64::from(self.spline.value(p.into()));
+        }
+        let sum: f64 = self
+            .turns
+            .iter()
+            .map(|q| f64::from(self.spline.value((q * p).into())))
+            .sum();
+        sum / self.turns.len() as f64
+    }
+
+    pub fn slope(&self, p: Vec3) -> (f64, Vec3) {
+        let (mut value, mut gradient) = (0.0, Vec3::zeros());
+        for q in &self.turns {
+            let (v, g) = self.spline.value_and_gradient((q * p).into());
+            value += f64::from(v);
+            gradient += q.tr_mul(&Vec3::from(g.map(f64::from)));
+        }
+        if self.planar {
+            gradient.z = 0.0;
+        }
+        let n = self.turns.len() as f64;
+        (value / n, gradient / n)
+    }
+
+    /// Interval of the values and bound of the gradient's length over a box.
+    pub fn range(&self, region: &CellBox<3>) -> (Interval, f64) {
+        let (centre, half) = (
+            (region.min + region.max) / 2.0,
+            (region.max - region.min) / 2.0,
+        );
+        let (mut lo, mut hi, mut steepest) = (0.0, 0.0, 0.0);
+        for (n, q) in self.turns.iter().enumerate() {
+            let turned = if n == 0 {
+                *region
+            } else {
+                let (c, h) = (q * centre, q.abs() * half);
+                CellBox {
+                    min: c - h,
+                    max: c + h,
+                }
+            };
+            let (from, count) = self.spline_cells(&turned);
+            let range = self.pyramid.query(from, count);
+            lo += f64::from(range.least);
+            hi += f64::from(range.greatest);
+            steepest += f64::from(range.steepest);
+        }
+        let n = self.turns.len() as f64;
+        (
+            Interval::new(lo / n - self.rounding(), hi / n + self.rounding()),
+            steepest / n * (1.0 + 1e-6) + self.slope_rounding(),
+        )
+    }
+
+    /// First spline cell and number of spline cells per axis that a box meets; at most one period.
+    fn spline_cells(&self, region: &CellBox<3>) -> ([usize; 3], [usize; 3]) {
+        let grid = self.spline.grid();
+        let scale = grid.per_unit();
+        let (mut from, mut count) = ([0; 3], [0; 3]);
+        for a in 0..3 {
+            let n = grid.samples[a] as i64;
+            // A hair wider, so that a point that rounds into the next cell is still covered.
+            let lo = (region.min[a] * scale[a] - 1e-6).floor();
+            let hi = (region.max[a] * scale[a] + 1e-6).floor();
+            if hi - lo >= n as f64 - 1.0 || !(hi - lo).is_finite() {
+                count[a] = n as usize;
+            } else {
+                from[a] = (lo as i64).rem_euclid(n) as usize;
+                count[a] = (hi - lo) as usize + 1;
+            }
+        }
+        (from, count)
+    }
+
+    /// The largest gradient bound among the spline cells that meet the element; its symmetries, which
+    /// the turns are among, keep the element.
+    pub fn sup_over(&self, element: Element, whole_group: bool) -> f64 {
+        let grid = self.spline.grid();
+        let scale = grid.per_unit();
+        let step = Vec3::from(scale.map(f64::recip));
+        let around = element.cell_box();
+        let faces = element.faces();
+        let cells = |a: usize| -> std::ops::Range<i64> {
+            let lo = (around.min[a] * scale[a] - 1e-9).floor() as i64;
+            let hi = ((around.max[a] * scale[a] + 1e-9).ceil() as i64).max(lo + 1);
+            lo..hi
+        };
+        let [xs, ys, zs] = [cells(0), cells(1), cells(2)];
+        // The whole group maps the part of a tet or a hex with x >= |y|, |z| onto the rest.
+        let wedge = whole_group && matches!(element, Element::Tet | Element::Hex);
+        let near = |i: i64, c: i64| !wedge || (i >= -1 && c.abs() <= i + 2);
+        let in_slab = |i: i64| {
+            let mut steepest = 0f32;
+            for j in ys.clone().filter(|&j| near(i, j)) {
+                for k in zs.clone().filter(|&k| near(i, k)) {
+                    let at = [i, j, k];
+                    let lo = Vec3::from_fn(|a, _| at[a] as f64).component_mul(&step);
+                    if faces.iter().all(|f| meets(f, lo, step)) {
+                        let cell = [0, 1, 2].map(|a| at[a].rem_euclid(grid.samples[a] as i64));
+                        let cell = cell.map(|c| c as usize);
+                        let range = scan(self.spline.coefficients(), grid, cell, 1);
+                        steepest = steepest.max(range.steepest);
+                    }
+                }
+            }
+            steepest
+        };
+        let steepest = xs.into_par_iter().map(in_slab).reduce(|| 0.0, f32::max);
+        f64::from(steepest) * (1.0 + 1e-6) + self.slope_rounding()
+    }
+
+    /// Samples along the axis that has most.
+    pub fn samples(&self) -> usize {
+        self.spline.grid().samples.into_iter().max().unwrap_or(1)
+    }
+}
+
+/// Whether a box reaches to the inner side of a face's plane.
+fn meets(face: &Face, lo: Vec3, size: Vec3) -> bool {
+    let corner = lo + size.zip_map(&face.normal, |s, n| if n > 0.0 { 0.0 } else { s });
+    face.normal.dot(&corner) <= face.offset + 1e-9
+}
