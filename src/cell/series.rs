@@ -191,7 +191,8 @@ impl<const D: usize> Series<D> {
     /// The series multiplied by a number.
     #[must_use]
     pub fn scaled(&self, factor: f64) -> Self {
-        let scale = |c: [f64; 2]| c.map(|v| v * factor);
+        // The sum with 0 leaves no negative zero, which files do not keep.
+        let scale = |c: [f64; 2]| c.map(|v| v * factor + 0.0);
         let coefficients: Vec<Coefficient<D>> = self
             .coefficients
             .iter()
