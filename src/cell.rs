@@ -44,11 +44,13 @@ use std::sync::{Arc, OnceLock};
 mod domain;
 pub mod edt;
 mod error;
+pub mod face_normal;
 mod file;
 mod fit;
 mod form;
 mod hybrid;
 mod level;
+pub mod minkowski;
 mod pairing;
 mod series;
 mod solid;
@@ -60,8 +62,9 @@ mod wave;
 pub use error::CellError;
 pub use file::CellTextError;
 pub use fit::{
-    Components, Distance, FitError, FitOptions, FitReport, Hausdorff, Placement, Sample,
-    SourceReport, fit, fit_mesh, fit_source, least_squares,
+    Components, Distance, FitError, FitOptions, FitReport, Hausdorff, Method, Placement, Sample,
+    Solver, SourceReport, Spectrum, Symmetrise, Transform, band_of_samples, fit, fit_mesh,
+    fit_samples, fit_source, fourier_coefficients, largest_band, least_squares,
 };
 pub use form::{Form, Node};
 pub use hybrid::Join;
@@ -190,6 +193,18 @@ impl Cell {
 
     fn with_report(mut self, report: FitReport) -> Self {
         self.report = Some(Arc::new(report));
+        self
+    }
+
+    /// Adds a warning to the report.
+    fn warn(&mut self, message: String) {
+        let mut report = self.report().cloned().unwrap_or_default();
+        report.warnings.push(message);
+        self.report = Some(Arc::new(report));
+    }
+
+    fn with_face_normal(mut self, face_normal: bool) -> Self {
+        self.face_normal = face_normal;
         self
     }
 

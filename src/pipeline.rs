@@ -23,6 +23,7 @@ use std::time::Instant;
 mod cells;
 mod error;
 mod estimate;
+mod fit_options;
 mod inputs;
 mod memory;
 mod operate;
@@ -36,6 +37,7 @@ mod wall;
 pub use cells::{levelled, make_cell, one_element, read_source};
 pub use error::RunError;
 pub use estimate::Estimate;
+pub use fit_options::fit_options;
 pub use report::{
     BandReport, Input, OutputFile, Report, ScaffoldReport, SolidReport, Stage, Warning,
 };

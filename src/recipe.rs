@@ -28,6 +28,7 @@ mod cell;
 mod check;
 mod error;
 mod file;
+mod fit;
 mod op;
 mod output;
 mod quantity;
@@ -39,6 +40,7 @@ pub use cell::{Caps, CellSection, ElementName, Place as CellPlace, Solid};
 
 pub use error::{Place, RecipeError, RecipeFault};
 pub use file::{FileFrame, FileRef, Similarity, Up};
+pub use fit::{FitMethod, Solver, Symmetrise};
 pub use op::{
     Ball, Block, DropSmall, Flow, Iterations, Kernel, Op, Operand, Renormalise, Side, Skin,
 };

@@ -2,12 +2,14 @@
 //!
 //! The squared distance to the nearest sample of one phase is a separable minimum, computed axis by
 //! axis as the lower envelope of parabolas (Felzenszwalb and Huttenlocher 2012) in linear time. The
-//! surface lies half way between samples of different phase, so half a step is taken off.
+//! surface lies half way between samples of different phase, so half a step (their mean, where they
+//! differ) is taken off.
 
 use rayon::prelude::*;
 
-/// Signed distance of every sample to the surface between solid and void, negative in the solid, in
-/// grid steps; the last axis is fastest. With `periodic` the grid wraps around along every axis.
+/// Signed distance of every sample to the surface between solid and void, negative in the solid; the
+/// last axis is fastest. `steps` are the distances between samples along each axis, whose unit is
+/// that of the result. With `periodic` the grid wraps around along every axis.
 ///
 /// Without any solid the distance is `f64::INFINITY` everywhere, without any void its negative.
 ///
@@ -16,41 +18,49 @@ use rayon::prelude::*;
 ///
 /// ```
 /// let row = [false, false, true, true, true, false];
-/// let d = druse::cell::edt::signed_distance(&row, &[6], false);
+/// let d = druse::cell::edt::signed_distance(&row, &[6], &[1.0], false);
 /// assert_eq!(d, [1.5, 0.5, -0.5, -1.5, -0.5, 0.5]);
 /// ```
-pub fn signed_distance(solid: &[bool], shape: &[usize], periodic: bool) -> Vec<f64> {
+pub fn signed_distance(solid: &[bool], shape: &[usize], steps: &[f64], periodic: bool) -> Vec<f64> {
     assert_eq!(
         solid.len(),
         shape.iter().product::<usize>(),
         "one sample per point of the shape"
     );
-    let outside = squared(solid, true, shape, periodic);
-    let inside = squared(solid, false, shape, periodic);
+    assert_eq!(shape.len(), steps.len(), "one step per axis");
+    let outside = squared(solid, true, shape, steps, periodic);
+    let inside = squared(solid, false, shape, steps, periodic);
+    let half = steps.iter().sum::<f64>() / steps.len() as f64 / 2.0;
     outside
         .into_par_iter()
         .zip(inside)
         .map(|(to_solid, to_void)| {
             if to_solid > 0.0 {
-                to_solid.sqrt() - 0.5
+                to_solid.sqrt() - half
             } else {
-                0.5 - to_void.sqrt()
+                half - to_void.sqrt()
             }
         })
         .collect()
 }
 
-/// Squared distance, in steps, of every sample to the nearest one of a phase.
-fn squared(solid: &[bool], phase: bool, shape: &[usize], periodic: bool) -> Vec<f64> {
+/// Squared distance of every sample to the nearest one of a phase.
+fn squared(
+    solid: &[bool],
+    phase: bool,
+    shape: &[usize],
+    steps: &[f64],
+    periodic: bool,
+) -> Vec<f64> {
     let mut values: Vec<f64> = solid
         .iter()
         .map(|s| if *s == phase { 0.0 } else { f64::INFINITY })
         .collect();
     let mut inner = 1;
-    for &n in shape.iter().rev() {
+    for (&n, &step) in shape.iter().zip(steps).rev() {
         // Lines along this axis: `inner` samples apart, in blocks of n * inner.
         values.par_chunks_mut(n * inner).for_each_init(
-            || Envelope::new(n, periodic),
+            || Envelope::new(n, step, periodic),
             |envelope, block| {
                 for first in 0..inner {
                     envelope.line(block, first, inner);
@@ -65,6 +75,8 @@ fn squared(solid: &[bool], phase: bool, shape: &[usize], periodic: bool) -> Vec<
 /// The lower envelope of parabolas along one line, with its working memory.
 struct Envelope {
     n: usize,
+    /// Distance between samples, squared.
+    unit: f64,
     /// Copies of the line that are looked at: three where it wraps around.
     copies: usize,
     line: Vec<f64>,
@@ -74,9 +86,10 @@ struct Envelope {
 }
 
 impl Envelope {
-    fn new(n: usize, periodic: bool) -> Self {
+    fn new(n: usize, step: f64, periodic: bool) -> Self {
         Self {
             n,
+            unit: step * step,
             copies: if periodic { 3 } else { 1 },
             line: Vec::with_capacity(n),
             apex: Vec::new(),
@@ -103,7 +116,8 @@ impl Envelope {
                 };
                 let other = last as f64;
                 let height = self.line[last % n];
-                let meet = (value + at * at - height - other * other) / (2.0 * (at - other));
+                let rise = (value - height) / self.unit;
+                let meet = (rise + at * at - other * other) / (2.0 * (at - other));
                 if meet > self.from[self.apex.len() - 1] {
                     break meet;
                 }
@@ -125,7 +139,7 @@ impl Envelope {
                 lowest += 1;
             }
             let q = self.apex[lowest];
-            block[first + i * step] = self.line[q % n] + (p - q as f64).powi(2);
+            block[first + i * step] = self.line[q % n] + (p - q as f64).powi(2) * self.unit;
         }
     }
 }

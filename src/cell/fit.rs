@@ -3,7 +3,7 @@
 //! Minimises (1/V) int w (Phi - g)^2 + lambda sum (1 + |f|^2) a^2 over the real orthonormal
 //! coefficients a, where g is the signed distance to the geometry (negative inside) and the mean is
 //! taken over the element's interior, plus 0.3 times that over its faces, plus 0.1 times that over its
-//! edges. Nothing outside the element is used: this is a Fourier extension, whose normal equations
+//! edges (0.03 and 0.01 for face-normal cells). Nothing outside the element is used: this is a Fourier extension, whose normal equations
 //! are ill-conditioned and whose regularised solution is accurate all the same. On the lattice
 //! spanned by the tet's edges it is continuous from element to element without any reflection.
 //!
@@ -14,67 +14,47 @@
 //! Conventions: lengths and distances in reference units; `band_limit` R keeps |f| <= R, in cycles
 //! per unit of reference length; results do not depend on the number of threads.
 
-use super::{Cell, CellError, Series};
-use crate::frame::{CellPoint, Element};
+use super::{Cell, CellError};
+use crate::frame::{CellPoint, Element, Mat3};
 use crate::progress::Progress;
-use crate::symmetry::Basis;
 
 mod accuracy;
 mod error;
+mod extension;
+mod grid;
+mod iterative;
+mod options;
 mod pieces;
 mod place;
+mod project;
 mod report;
+mod run;
 mod sampling;
 mod solve;
 mod source;
+mod transform;
 pub use error::FitError;
+pub use options::{FitOptions, Method, Solver, Symmetrise};
 pub use place::Placement;
+pub use project::fourier_coefficients;
 pub use report::{Components, FitReport, Hausdorff, SourceReport};
+pub use run::largest_band;
 pub use solve::{Sample, least_squares};
 pub use source::{fit_mesh, fit_source};
+pub use transform::{Spectrum, Transform};
 
-use sampling::{Images, Target, parts, sample};
+pub(super) use extension::Extension;
+pub(super) use grid::grid_size;
 
-/// How a cell is fitted.
-#[derive(Clone, Debug, PartialEq)]
-pub struct FitOptions {
-    /// R: keeps |f| <= R, in cycles per unit of reference length.
-    pub band_limit: f64,
-    /// Name of the lattice; `None` for the element's default.
-    pub lattice: Option<String>,
-    /// Weight lambda of the penalty (1 + |f|^2) a^2.
-    pub regularisation: f64,
-    /// Least number of samples along an edge of the element's cube; more are taken where the
-    /// unknowns ask for them (at least 12 samples each).
-    pub samples: usize,
-    /// Whether to measure the Hausdorff distance and the number of pieces.
-    pub measure: bool,
-}
-
-impl Default for FitOptions {
-    fn default() -> Self {
-        Self {
-            band_limit: 8.0,
-            lattice: None,
-            regularisation: 1e-5,
-            samples: 32,
-            measure: true,
-        }
-    }
-}
-
-/// Greatest number of unknowns of the dense solver.
-const MOST_UNKNOWNS: usize = 4000;
-/// Share of the mean square below which nothing of the source is symmetric, and below which it is
-/// worth a warning.
-const NO_SYMMETRIC_PART: f64 = 1e-6;
-const LITTLE_SYMMETRIC_PART: f64 = 0.9;
-
-/// Below this share of its root mean square a source's asymmetry is rounding.
-const SYMMETRIC: f64 = 1e-6;
+use accuracy::Extra;
+use run::Job;
 
 /// A signed distance in the reference frame of an element, negative inside.
 pub type Distance<'a> = dyn Fn(CellPoint<3>) -> f64 + Sync + 'a;
+
+/// The first band limit that a tolerance tries, and the factor to the next.
+const FIRST_BAND: f64 = 4.0;
+const NEXT_BAND: f64 = 1.5;
 
 /// Fits a cell of `element` to a signed distance (negative inside) given in its reference frame.
 ///
@@ -98,8 +78,99 @@ pub fn fit(
     options: &FitOptions,
     progress: &dyn Progress,
 ) -> Result<Cell, FitError> {
-    let job = accuracy::Extra::default();
-    fit_with(name, element, source, &job, options, progress)
+    fit_with(name, element, source, &Extra::default(), options, progress)
+}
+
+/// Fits a cell to samples of a signed distance over one whole period of the lattice, by the plain
+/// Fourier transform: exact where the samples are symmetric and of a band below half their number.
+///
+/// The samples stand at u = j/N - 1/2 in lattice coordinates, the last axis fastest; `method` and
+/// `samples` of the options are not looked at. [`largest_band`] is the greatest band limit that N
+/// samples carry. The report's differences are those to the samples' trilinear interpolant.
+///
+/// # Errors
+/// As [`fit()`], and [`FitError::TooFewSamples`].
+///
+/// # Panics
+/// If there are not `n`^3 samples (`n`^2 for a planar element).
+pub fn fit_samples(
+    name: &str,
+    element: Element,
+    samples: &[f64],
+    n: usize,
+    options: &FitOptions,
+    progress: &dyn Progress,
+) -> Result<Cell, FitError> {
+    let dimension = element.dimension();
+    assert_eq!(
+        samples.len(),
+        n.pow(dimension as u32),
+        "n samples along every axis"
+    );
+    let (group, lattice_name) = (&options.group, &options.lattice);
+    let inverse = if dimension == 2 {
+        let (_, lattice) =
+            super::symmetry::<2>(element, group.as_deref(), lattice_name.as_deref())?;
+        Mat3::from_fn(|i, j| {
+            if i < 2 && j < 2 {
+                lattice.inverse()[(i, j)]
+            } else {
+                0.0
+            }
+        })
+    } else {
+        let (_, lattice) =
+            super::symmetry::<3>(element, group.as_deref(), lattice_name.as_deref())?;
+        *lattice.inverse()
+    };
+    let source = |p: CellPoint<3>| {
+        let u: [f64; 3] = (inverse * p.0).into();
+        interpolated(samples, n, &u[..dimension])
+    };
+    let extra = Extra {
+        period: Some((samples, n)),
+        ..Extra::default()
+    };
+    let options = FitOptions {
+        method: Method::Fft,
+        tolerance: None,
+        ..options.clone()
+    };
+    fit_with(name, element, &source, &extra, &options, progress)
+}
+
+/// The greatest band limit that `n` samples along every axis of the period carry, for the lattice
+/// that the options name.
+///
+/// # Errors
+/// [`CellError::Unfitting`] for a lattice or group of another element.
+pub fn band_of_samples(element: Element, options: &FitOptions, n: usize) -> Result<f64, CellError> {
+    let (group, lattice) = (options.group.as_deref(), options.lattice.as_deref());
+    Ok(if element.dimension() == 2 {
+        largest_band(&super::symmetry::<2>(element, group, lattice)?.1, n)
+    } else {
+        largest_band(&super::symmetry::<3>(element, group, lattice)?.1, n)
+    })
+}
+
+/// The multilinear interpolant of periodic samples at u = j/N - 1/2.
+pub(super) fn interpolated(samples: &[f64], n: usize, u: &[f64]) -> f64 {
+    let mut sum = 0.0;
+    for corner in 0..1u8 << u.len() {
+        let (mut index, mut weight) = (0, 1.0);
+        for (a, c) in u.iter().enumerate() {
+            let place = (c + 0.5) * n as f64;
+            let low = place.floor();
+            let up = i64::from(corner >> a & 1);
+            let t = place - low;
+            weight *= if up == 1 { t } else { 1.0 - t };
+            index = index * n + (low as i64 + up).rem_euclid(n as i64) as usize;
+        }
+        if weight > 0.0 {
+            sum += weight * samples[index];
+        }
+    }
+    sum
 }
 
 /// [`fit`], with what is known about the source beside its distance.
@@ -107,102 +178,51 @@ fn fit_with(
     name: &str,
     element: Element,
     source: &Distance,
-    extra: &accuracy::Extra,
+    extra: &Extra,
     options: &FitOptions,
     progress: &dyn Progress,
 ) -> Result<Cell, FitError> {
-    check(options)?;
-    if !matches!(element, Element::Tet | Element::Hex) {
-        return Err(FitError::Element {
-            element: element.name(),
-        });
-    }
-    let (group, lattice) = Cell::symmetry(element, options.lattice.as_deref())?;
-    // The number of orbits, about that of unknowns, without listing them.
-    let ball = 4.0 / 3.0 * std::f64::consts::PI * options.band_limit.powi(3) * lattice.volume();
-    let estimate = ball / group.order() as f64;
-    let too_large = |unknowns: usize| FitError::TooLarge {
-        band_limit: options.band_limit,
-        unknowns,
-        limit: MOST_UNKNOWNS,
-        largest: options.band_limit * (MOST_UNKNOWNS as f64 * 0.8 / unknowns as f64).cbrt(),
-    };
-    if estimate > 2.0 * MOST_UNKNOWNS as f64 {
-        return Err(too_large(estimate as usize));
-    }
-    let basis = Basis::new(group, lattice, options.band_limit);
-    if basis.len() > MOST_UNKNOWNS {
-        return Err(too_large(basis.len()));
-    }
-    progress.stage("fit: samples", None);
-    let mut target = Target {
-        images: Images {
+    options.check()?;
+    let job = |options: &FitOptions| {
+        Job {
+            element,
             source,
-            operators: basis.group().cartesian(basis.lattice()),
-        },
-        symmetric: false,
-    };
-    let parts = parts(element, basis.len(), options.samples);
-    let (samples, quality) = sample(element, &target, parts, extra, progress)?;
-    if quality.kept_energy < NO_SYMMETRIC_PART {
-        return Err(FitError::NoSymmetricPart {
-            group: basis.group().name().to_owned(),
-            kept: quality.kept_energy,
-        });
-    }
-    target.symmetric = quality.residual <= SYMMETRIC * quality.rms;
-    progress.stage("fit: least squares", None);
-    let real = least_squares(&basis, &samples, options.regularisation, progress)?;
-    let series = Series::new(
-        basis.group().clone(),
-        basis.lattice().clone(),
-        &basis.coefficients(&real),
-    )?;
-    let cell = Cell::new(name, element, series)?;
-    cell.check_surface()?;
-    progress.stage("fit: accuracy", None);
-    let mut report = accuracy::measure(&cell, &target, parts, options, extra, progress)?;
-    report.degrees_of_freedom = basis.len();
-    report.kept_energy = quality.kept_energy;
-    report.symmetry_residual = quality.residual;
-    if quality.kept_energy < LITTLE_SYMMETRIC_PART {
-        report.warnings.push(format!(
-            "only {:.3} of the source's energy has the symmetry {}: the cell differs from it by rms {:.4}",
-            quality.kept_energy,
-            basis.group().name(),
-            quality.residual,
-        ));
-    }
-    Ok(cell.with_report(report))
-}
-
-fn check(options: &FitOptions) -> Result<(), CellError> {
-    let positive = |what, found: f64, expected: &str| {
-        if found.is_finite() && found > 0.0 {
-            return Ok(());
+            extra,
+            options,
+            progress,
         }
-        Err(CellError::OutOfRange {
-            what,
-            found,
-            expected: expected.to_owned(),
-        })
+        .run(name)
     };
-    positive(
-        "band_limit",
-        options.band_limit,
-        "a positive number of cycles per unit of reference length",
-    )?;
-    positive(
-        "regularisation",
-        options.regularisation,
-        "a positive number, such as 1e-5",
-    )?;
-    if options.samples > 1024 {
-        return Err(CellError::OutOfRange {
-            what: "samples",
-            found: options.samples as f64,
-            expected: "at most 1024 along an edge of the element's cube".to_owned(),
-        });
+    let Some(tolerance) = options.tolerance else {
+        return job(options);
+    };
+    let greatest = options.band_limit;
+    let mut own = FitOptions {
+        band_limit: FIRST_BAND.min(greatest),
+        measure: true,
+        ..options.clone()
+    };
+    loop {
+        let tried = job(&own);
+        let distance = match &tried {
+            Ok(cell) => cell.report().and_then(|r| r.hausdorff).map(Hausdorff::max),
+            // A coarse band may lose the whole surface.
+            Err(FitError::Cell(CellError::NoSurface { .. })) => None,
+            Err(_) => return tried,
+        };
+        if distance.is_some_and(|d| d <= tolerance) {
+            return tried;
+        }
+        if own.band_limit >= greatest {
+            let mut cell = tried?;
+            cell.warn(format!(
+                "the surfaces are {} apart at band limit {}, the greatest allowed; the tolerance \
+                 was {tolerance}",
+                distance.map_or_else(|| "not measurably".to_owned(), |d| format!("{d:.4}")),
+                own.band_limit
+            ));
+            return Ok(cell);
+        }
+        own.band_limit = (own.band_limit * NEXT_BAND).min(greatest);
     }
-    Ok(())
 }

@@ -1,18 +1,19 @@
 //! Sources of cells: from the keys of a section to geometry in the reference frame of an element.
 
 use super::error::RunError;
+use super::fit_options::fit_options;
 use super::inputs::frame_map;
 use super::report::Warning;
 use crate::cell::{
-    Caps, FitError, FitOptions, Placement, Skeleton, SkeletonError, Source, Surface, Voxels,
-    fit_source, graphs, plate_sets,
+    Caps, FitError, FitOptions, Method, Placement, Skeleton, SkeletonError, Source, Surface,
+    Voxels, band_of_samples, fit_samples, fit_source, graphs, plate_sets,
 };
 use crate::cell::{Cell, CellError};
 use crate::field::Formula;
 use crate::frame::{Aabb, Element, LengthUnit, Vec3};
 use crate::io::{MeshFormat, Place, ReadError, TEXT_CLOUDS};
 use crate::mesh::{CloudSolid, TriMesh};
-use crate::recipe::{self, Brief, CellPlace, CellSection, FileFrame, Short};
+use crate::recipe::{self, Brief, CellPlace, CellSection, FileFrame, FileRef, Short};
 use crate::vdb::{LevelSet, Session};
 use std::path::{Path, PathBuf};
 
@@ -157,6 +158,37 @@ impl Reader<'_> {
         Ok(source)
     }
 
+    /// The transform of the samples of a file, which stand at lattice coordinates of the period.
+    fn transformed(
+        &self,
+        name: &str,
+        section: &CellSection,
+        (element, file, mut options): (Element, &FileRef, FitOptions),
+        found: &mut Found,
+    ) -> Result<Cell, SourceFault> {
+        let path = (self.resolve)(&file.path);
+        let array = crate::io::read_npy(&path)?;
+        if array.shape.len() != element.dimension() {
+            let found = format!("an array of {} dimensions", array.shape.len());
+            let expected = match element.dimension() {
+                2 => "one of shape [N, N] for a planar element",
+                _ => "one of shape [N, N, N] for a solid element",
+            };
+            return Err(ReadError::data(&path, Place::File, found, expected).into());
+        }
+        let voxels = Voxels::new(&array.shape, array.values, array.binary)
+            .map_err(|e| in_file(&path, e.into()))?;
+        let n = voxels.counts()[0];
+        if section.band_limit.is_none() {
+            let carried = band_of_samples(element, &options, n)?;
+            options.band_limit = options.band_limit.min(carried);
+        }
+        let samples = voxels.signed(true);
+        found.file = Some(("voxels", path, Aabb::of(element.vertices())));
+        let progress = self.session.progress;
+        Ok(fit_samples(name, element, &samples, n, &options, progress)?)
+    }
+
     /// The cell that a section describes, before its level is found.
     pub fn cell(
         &self,
@@ -183,17 +215,27 @@ impl Reader<'_> {
             found.file = Some(("file", path, Aabb::of(element.vertices())));
             return Ok(cell.named(name));
         }
-        let source = self.source(section, element, found)?;
-        let cell = fit_source(
-            name,
-            element,
-            &source,
-            &options(section),
-            self.session.progress,
-        )?;
+        let options = fit_options(section);
+        let cell = if let Some(file) = natural_samples(section, &options) {
+            self.transformed(name, section, (element, file, options), found)?
+        } else {
+            let source = self.source(section, element, found)?;
+            fit_source(name, element, &source, &options, self.session.progress)?
+        };
         found.warn(Warning::CELL, cell.report().map_or(&[], |r| &r.warnings));
         Ok(cell)
     }
+}
+
+/// The file of samples over a whole period that are to be transformed as they are.
+fn natural_samples<'a>(section: &'a CellSection, options: &FitOptions) -> Option<&'a FileRef> {
+    let file = section.voxels.as_ref()?;
+    let placed = section
+        .place
+        .as_ref()
+        .is_some_and(|p| *p != CellPlace::Reference);
+    (options.method == Method::Fft && !placed && !has_extension(&file.path, &["vdb"]))
+        .then_some(file)
 }
 
 /// Why a source cannot be had: its keys and its geometry, or its file.
@@ -246,16 +288,6 @@ fn moved(mesh: &TriMesh, file: &FileFrame) -> TriMesh {
 fn has_extension(path: &Path, known: &[&str]) -> bool {
     let own = path.extension().and_then(|e| e.to_str()).unwrap_or("");
     known.iter().any(|k| own.eq_ignore_ascii_case(k))
-}
-
-/// How a section wants its cell fitted.
-pub(super) fn options(section: &CellSection) -> FitOptions {
-    let default = FitOptions::default();
-    FitOptions {
-        band_limit: section.band_limit.map_or(default.band_limit, |r| r.0),
-        samples: section.samples.map_or(default.samples, |n| n as usize),
-        ..default
-    }
 }
 
 /// A surface by its name.

@@ -1,6 +1,7 @@
 //! `[cell.NAME]`: where a unit cell comes from and how it is fitted, levelled and placed.
 
 use super::file::{FileRef, Similarity};
+use super::fit::{FitMethod, Solver, Symmetrise};
 use super::quantity::{Finite, Fraction, Positive};
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::Deserialize;
@@ -55,9 +56,41 @@ pub struct CellSection {
     /// The reference element; the scaffold's own when left out.
     #[cfg_attr(feature = "cli", arg(long))]
     pub element: Option<ElementName>,
+    /// The group of symmetries that the cell gets, such as Td, Oh, D4h; the element's whole one when left
+    /// out, which is what lets a cell fill any mesh whatever its numbering.
+    #[cfg_attr(feature = "cli", arg(long))]
+    pub group: Option<String>,
+    /// The lattice of its periods (fcc2 or cubic for a tet, fcc1 or tetragonal for a pyramid); the
+    /// element's own when left out.
+    #[cfg_attr(feature = "cli", arg(long))]
+    pub lattice: Option<String>,
     /// Keep frequencies |f| <= R, in cycles per unit of reference length (hex edge 1, tet edge sqrt 2).
     #[cfg_attr(feature = "cli", arg(long, value_name = "R"))]
     pub band_limit: Option<Positive>,
+    /// How the coefficients are found: by least squares over the element, by Fourier transform over
+    /// the period, or as in the literature, for comparison.
+    #[cfg_attr(feature = "cli", arg(long))]
+    pub method: Option<FitMethod>,
+    /// Meet the element's faces at a right angle.
+    #[cfg_attr(feature = "cli", arg(long, num_args = 0..=1, default_missing_value = "true", action = clap::ArgAction::Set))]
+    pub face_normal: Option<bool>,
+    /// Keep the M largest coefficients only.
+    #[cfg_attr(feature = "cli", arg(long, value_name = "M"))]
+    pub keep: Option<u32>,
+    /// Raise the band limit from 4, up to `band_limit` (24 when left out), until the surfaces of cell
+    /// and source are this close, in reference lengths.
+    #[cfg_attr(feature = "cli", arg(long, value_name = "DISTANCE"))]
+    pub tolerance: Option<Positive>,
+    /// What the images of a source that lacks the element's symmetry make together.
+    #[cfg_attr(feature = "cli", arg(long))]
+    pub symmetrise: Option<Symmetrise>,
+    /// Weight of the penalty (1 + |f|^2) a^2 of the least squares [default: 1e-5; 3e-6 for
+    /// face-normal cells].
+    #[cfg_attr(feature = "cli", arg(long, value_name = "LAMBDA"))]
+    pub regularisation: Option<Positive>,
+    /// How the least squares are solved: dense, or matrix-free for many unknowns.
+    #[cfg_attr(feature = "cli", arg(long))]
+    pub solver: Option<Solver>,
     /// Samples along an edge of the element's cube for the fit.
     #[cfg_attr(feature = "cli", arg(long, value_name = "N"))]
     pub samples: Option<u32>,

@@ -1,9 +1,13 @@
 //! Laws of `cell`, and the closed forms and reference values it has to meet.
 
+mod face_normal;
 mod figures;
 mod file;
 mod fit;
 mod form;
+mod fourier;
+mod minkowski;
+mod solvers;
 mod source;
 mod table;
 
@@ -13,6 +17,9 @@ use druse::frame::{CellBox, CellPoint, Element, Vec3};
 use proptest::prelude::*;
 use serde_json::Value;
 use std::f64::consts::TAU;
+
+/// A signed distance in the reference frame.
+type Shape = fn(CellPoint<3>) -> f64;
 
 fn at(x: f64, y: f64, z: f64) -> CellPoint<3> {
     CellPoint(Vec3::new(x, y, z))

@@ -1,7 +1,7 @@
 //! The accuracy of a fit: differences, distances of the two surfaces, pieces.
 
-use super::super::domain::{SimplexGrid, flag, point};
-use super::sampling::{Target, midpoints};
+use super::super::domain::{Domain, Flag, SimplexGrid};
+use super::sampling::{Place, Target, places};
 use super::{FitError, FitOptions, FitReport, Hausdorff, SourceReport, pieces};
 use crate::cell::Cell;
 use crate::field::Field;
@@ -11,13 +11,15 @@ use rayon::prelude::*;
 
 /// What is known about a source beside its distance.
 #[derive(Default)]
-pub(super) struct Extra {
+pub(super) struct Extra<'a> {
     /// Points of its surface inside the element.
     pub points: Vec<Vec3>,
     pub source: Option<SourceReport>,
+    /// Samples over the whole period, and how many along an axis.
+    pub period: Option<(&'a [f64], usize)>,
 }
 
-impl Extra {
+impl Extra<'_> {
     /// Where the source stands, for an error about its absence.
     pub fn hint(&self, element: Element) -> String {
         let own = element.cell_box();
@@ -41,7 +43,7 @@ const MOST_POINTS: usize = 4000;
 pub(super) fn measure(
     cell: &Cell,
     target: &Target,
-    parts: usize,
+    (domain, parts): (&Domain, usize),
     options: &FitOptions,
     extra: &Extra,
     progress: &dyn Progress,
@@ -53,41 +55,45 @@ pub(super) fn measure(
         Ok(())
     };
     let element = cell.element();
-    let corners = flag(element);
-    let difference = |coordinates: Vec<[f64; 3]>| -> (f64, f64) {
-        let all: Vec<f64> = coordinates
+    let difference = |places: &[Place]| -> (f64, f64) {
+        let all: Vec<f64> = places
             .par_iter()
-            .map(|&c| {
-                let p = point(&corners, c);
-                cell.value(p) - target.value(p)
-            })
+            .map(|&(p, _)| cell.value(p) - target.value(p))
             .collect();
-        let square = all.iter().map(|d| d * d).sum::<f64>() / all.len() as f64;
-        (square.sqrt(), all.iter().fold(0.0, |m, d| m.max(d.abs())))
+        let total: f64 = places.iter().map(|(_, w)| w).sum();
+        let square: f64 = all.iter().zip(places).map(|(d, (_, w))| w * d * d).sum();
+        let largest = all.iter().fold(0.0f64, |m, d| m.max(d.abs()));
+        ((square / total).sqrt(), largest)
     };
     // Other points than those of the fit.
-    let (rms, _) = difference(midpoints(3, parts + 3));
+    let stratum = |which: usize| {
+        let mut weights = [0.0; 3];
+        weights[which] = 1.0;
+        let (mut all, _) = places(element, domain, parts + 3, weights);
+        all.retain(|(_, w)| *w > 0.0);
+        all
+    };
+    let (rms, _) = difference(&stratum(0));
     stop()?;
-    let (_, face_max) = difference(midpoints(2, 2 * parts + 3));
-    let (_, edge_max) = difference(midpoints(1, 4 * parts + 3));
+    let (_, face_max) = difference(&stratum(1));
+    let (_, edge_max) = difference(&stratum(2));
     stop()?;
     let mut report = FitReport {
-        method: "lsq".to_owned(),
         lattice: cell.form().lattice_name().unwrap_or("").to_owned(),
         band_limit: options.band_limit,
-        regularisation: options.regularisation,
+        regularisation: options.lambda(),
         rms,
         face_max,
         edge_max,
         source: extra.source,
         ..FitReport::default()
     };
-    (report.gradient_inside, report.gradient_outside) = gradients(cell);
+    (report.gradient_inside, report.gradient_outside) = gradients(cell, domain);
     if options.measure {
         stop()?;
-        report.hausdorff = hausdorff(cell, target, extra, options.band_limit);
+        report.hausdorff = hausdorff(cell, target, domain, extra, options.band_limit);
         stop()?;
-        let c = pieces::components(cell, target);
+        let c = pieces::components(cell, target, domain);
         if (c.source_solid, c.source_void) != (c.cell_solid, c.cell_void) {
             report.warnings.push(format!(
                 "the cell has {} pieces of solid and {} of void in an element, the source {} and {}: \
@@ -100,45 +106,66 @@ pub(super) fn measure(
     Ok(report)
 }
 
+/// Points of the period at which its gradient is sampled.
+const PERIOD_POINTS: u32 = 6000;
+
 /// Greatest sampled gradient inside the element and over the whole period.
-fn gradients(cell: &Cell) -> (f64, f64) {
+fn gradients(cell: &Cell, domain: &Domain) -> (f64, f64) {
     let largest = |points: Vec<CellPoint<3>>| {
         points
             .into_par_iter()
             .map(|p| cell.form().value_and_gradient(p).1.norm())
             .reduce(|| 0.0, f64::max)
     };
-    let corners = flag(cell.element());
     let grid = SimplexGrid::new(20).coordinates();
-    let inside = largest(grid.into_iter().map(|c| point(&corners, c)).collect());
-    // The part of the period with x >= y >= |z|: every other is an image of it.
-    let periods = cell.series().and_then(|s| s.lattice().periods());
-    let period = periods.map_or(1.0, |p| p[0]);
-    let half = (period * 12.0) as i32;
-    let mut outside = Vec::new();
-    for i in 0..=half {
-        for j in 0..=i {
-            for k in -j..=j {
-                let index = Vec3::new(f64::from(i), f64::from(j), f64::from(k));
-                outside.push(CellPoint(index * (period / f64::from(2 * half))));
-            }
+    let inside = domain
+        .flags
+        .iter()
+        .flat_map(|f| grid.iter().map(|&c| f.point(c)))
+        .collect();
+    let vectors = match (cell.series(), cell.planar()) {
+        (Some(series), _) => series.lattice().vectors().map(Vec3::from).to_vec(),
+        (_, Some(series)) => {
+            let flat = series.lattice().vectors();
+            flat.map(|v| Vec3::new(v[0], v[1], 0.0)).to_vec()
         }
-    }
+        _ => Vec::new(),
+    };
+    // Multiples of the roots of x^4 = x + 1 fill the period evenly.
+    let outside = (1..=PERIOD_POINTS)
+        .map(|n| {
+            let steps = [0.819_172_513_4, 0.671_043_606_7, 0.549_700_477_9];
+            let at = vectors.iter().zip(steps);
+            CellPoint(at.map(|(v, s)| v * (f64::from(n) * s).fract()).sum())
+        })
+        .collect();
+    let inside = largest(inside);
     (inside, largest(outside).max(inside))
 }
 
-/// Points where a function changes sign along the edges of a simplex grid, refined along the edge.
+/// Points where a function changes sign along the edges of simplex grids in the flags, refined along
+/// the edge.
 fn crossings(
-    element: Element,
+    domain: &Domain,
     parts: usize,
     value: &(impl Fn(CellPoint<3>) -> f64 + Sync),
 ) -> Vec<Vec3> {
-    let corners = flag(element);
+    let flags = domain.flags.iter();
+    flags
+        .flat_map(|f| flag_crossings(f, parts, value))
+        .collect()
+}
+
+fn flag_crossings(
+    flag: &Flag,
+    parts: usize,
+    value: &(impl Fn(CellPoint<3>) -> f64 + Sync),
+) -> Vec<Vec3> {
     let grid = SimplexGrid::new(parts);
     let points: Vec<Vec3> = grid
         .coordinates()
         .into_iter()
-        .map(|c| point(&corners, c).0)
+        .map(|c| flag.point(c).0)
         .collect();
     let values: Vec<f64> = points.par_iter().map(|p| value(CellPoint(*p))).collect();
     let mut edges = Vec::new();
@@ -200,12 +227,18 @@ fn distance_to_surface(cell: &Cell, q: Vec3) -> Option<f64> {
 }
 
 /// Sampled one-sided distances; `None` if either has no surface.
-fn hausdorff(cell: &Cell, target: &Target, extra: &Extra, band_limit: f64) -> Option<Hausdorff> {
-    let element = cell.element();
-    // A quarter of the shortest wave; the simplex is at most 0.87 long.
-    let parts = ((0.9 * 4.0 * band_limit).ceil() as usize).clamp(20, 56);
-    let own = crossings(element, parts, &|p| cell.value(p));
-    let theirs = crossings(element, parts, &|p| target.value(p));
+fn hausdorff(
+    cell: &Cell,
+    target: &Target,
+    domain: &Domain,
+    extra: &Extra,
+    band_limit: f64,
+) -> Option<Hausdorff> {
+    // A quarter of the shortest wave; a flag is at most 0.87 long. Many flags are small or few unlike.
+    let flags = (domain.flags.len() as f64).cbrt();
+    let parts = ((0.9 * 4.0 * band_limit / flags).ceil() as usize).clamp(20, 56);
+    let own = crossings(domain, parts, &|p| cell.value(p));
+    let theirs = crossings(domain, parts, &|p| target.value(p));
     if own.is_empty() || theirs.is_empty() {
         return None;
     }
@@ -217,23 +250,18 @@ fn hausdorff(cell: &Cell, target: &Target, extra: &Extra, band_limit: f64) -> Op
     let mut points = theirs;
     // An image of an unsymmetric source is not its average: only a symmetric one has these points.
     if target.symmetric {
-        let corners = flag(element);
-        // Of a point's images the one in the flag's cone reaches farthest along any vector in it.
-        let inner = corners[1] + corners[2] + corners[3];
-        let operators = &target.images.operators;
-        let image = |q: &Vec3| {
-            let reach = |a: &Vec3, b: &Vec3| a.dot(&inner).total_cmp(&b.dot(&inner));
-            operators.iter().map(|m| m * q).max_by(reach).unwrap_or(*q)
-        };
-        points.extend(extra.points.iter().step_by(stride).map(image));
+        points.extend(extra.points.iter().step_by(stride));
     }
     let source_to_cell = points
         .par_iter()
         .map(|&q| {
             let nearest = || {
-                own.iter()
-                    .map(|p| (p - q).norm())
+                // The images of the point stand for those of the surface.
+                let images = cell.operators().iter().map(|m| m * q);
+                images
+                    .flat_map(|q| own.iter().map(move |p| (p - q).norm_squared()))
                     .fold(f64::INFINITY, f64::min)
+                    .sqrt()
             };
             match distance_to_surface(cell, q) {
                 Some(d) if d < 0.02 => d,

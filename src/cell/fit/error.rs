@@ -43,12 +43,6 @@ pub enum FitError {
         /// Where the source stands, if that is known.
         hint: String,
     },
-    /// An element without a fit.
-    #[error("a {element} cannot be fitted; expected a tet or a hex")]
-    Element {
-        /// The element.
-        element: &'static str,
-    },
     /// Nothing of the surface is symmetric.
     #[error(
         "the source has no part with the symmetry {group}: {kept:e} of its energy survives the \
@@ -96,6 +90,61 @@ pub enum FitError {
     /// Voxels that cannot be.
     #[error(transparent)]
     Voxels(#[from] VoxelError),
+    /// The conjugate gradients did not arrive.
+    #[error(
+        "the iterative least squares left a residual of {residual:e} after {steps} steps; expected \
+         1e-11: raise the regularisation or choose the dense solver"
+    )]
+    NotConverged {
+        /// Steps taken.
+        steps: usize,
+        /// Share of the right-hand side that is left.
+        residual: f64,
+    },
+    /// A transform of fewer samples than the band asks for.
+    #[error(
+        "{samples} samples per period do not carry band limit {band_limit}; expected at least \
+         {needed} samples, or a band limit of at most {largest:.2}"
+    )]
+    TooFewSamples {
+        /// Samples per axis.
+        samples: usize,
+        /// R.
+        band_limit: f64,
+        /// Samples per axis that would do.
+        needed: usize,
+        /// Band limit that would do.
+        largest: f64,
+    },
+    /// An element whose source cannot be continued over the period.
+    #[error(
+        "method {method} has no way to continue the source of a {element} over the period of \
+         lattice {lattice}; use method lsq"
+    )]
+    NoExtension {
+        /// The element.
+        element: &'static str,
+        /// The lattice.
+        lattice: String,
+        /// The method.
+        method: &'static str,
+    },
+    /// Two cells that do not fill the same element.
+    #[error("a {first} cell and a {second} cell cannot be put together; expected one element")]
+    Elements {
+        /// Element of the first.
+        first: &'static str,
+        /// Element of the second.
+        second: &'static str,
+    },
+    /// A sum that fills everything, a difference that leaves nothing.
+    #[error("the Minkowski {operation} has no {missing}; expected a smaller second cell")]
+    NothingLeft {
+        /// "sum" or "difference".
+        operation: &'static str,
+        /// "solid" or "void".
+        missing: &'static str,
+    },
     /// A placement that is no map.
     #[error("placement: {0}")]
     Placement(String),

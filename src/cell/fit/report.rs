@@ -9,15 +9,17 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct FitReport {
-    /// "lsq": weighted least squares over the element.
+    /// "lsq": weighted least squares over the element; "fft": transform over the period; "paper".
     pub method: String,
+    /// How it was solved: dense, iterative with its number of steps, or by a transform.
+    pub solver: String,
     /// Name of the lattice.
     pub lattice: String,
     /// R: frequencies |f| <= R are kept.
     pub band_limit: f64,
     /// Weight of the penalty (1 + |f|^2) a^2.
     pub regularisation: f64,
-    /// Number of real unknowns.
+    /// Number of real coefficients that are not zero.
     pub degrees_of_freedom: usize,
     /// Root mean square of cell minus source over the element's interior.
     pub rms: f64,
@@ -32,6 +34,8 @@ pub struct FitReport {
     pub kept_energy: f64,
     /// Root mean square of the source minus its symmetric part.
     pub symmetry_residual: f64,
+    /// Greatest |n . grad Phi| on the element's faces; 0 to rounding for face-normal cells.
+    pub face_normal_residual: f64,
     /// Greatest gradient sampled inside the element (1 for a distance).
     pub gradient_inside: f64,
     /// Greatest gradient sampled over the whole period.

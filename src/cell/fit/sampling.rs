@@ -1,26 +1,34 @@
 //! Samples of the source: where they are taken, and how symmetric they are.
 
-use super::super::domain::{SimplexGrid, flag, point};
+use super::super::domain::{Domain, Flag, SimplexGrid, all_flags};
 use super::accuracy::Extra;
-use super::{Distance, FitError, Sample};
+use super::{Distance, FitError, Symmetrise};
 use crate::frame::{CellPoint, Element, Mat3};
 use crate::progress::{Cancelled, Progress};
 use rayon::prelude::*;
 
 /// Least number of samples per unknown.
 const SAMPLES_PER_UNKNOWN: usize = 12;
-/// Weights of faces and edges beside that of the interior, 1.
-const FACE_WEIGHT: f64 = 0.3;
-const EDGE_WEIGHT: f64 = 0.1;
-/// What the average of the source over the images of a point is made of.
+
+/// What the values of the source at the images of a point are made of.
 pub(super) struct Images<'a> {
     pub source: &'a Distance<'a>,
     pub operators: Vec<Mat3>,
+    pub symmetrise: Symmetrise,
+}
+
+/// The source at the images of a point.
+struct Moments {
+    /// What the fit is to meet.
+    value: f64,
+    mean: f64,
+    mean_square: f64,
+    /// Mean square distance from the value.
+    spread: f64,
 }
 
 impl Images<'_> {
-    /// Mean, mean square and spread about the mean over the images of a point.
-    fn moments(&self, p: CellPoint<3>) -> [f64; 3] {
+    fn moments(&self, p: CellPoint<3>) -> Moments {
         let n = self.operators.len() as f64;
         let values: Vec<f64> = self
             .operators
@@ -28,13 +36,21 @@ impl Images<'_> {
             .map(|q| (self.source)(CellPoint(q * p.0)))
             .collect();
         let mean = values.iter().sum::<f64>() / n;
-        let square = values.iter().map(|v| v * v).sum::<f64>() / n;
-        let spread = values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / n;
-        [mean, square, spread]
+        let value = match self.symmetrise {
+            Symmetrise::Average => mean,
+            Symmetrise::Union => values.iter().copied().fold(f64::INFINITY, f64::min),
+            Symmetrise::Intersection => values.iter().copied().fold(f64::NEG_INFINITY, f64::max),
+        };
+        Moments {
+            value,
+            mean,
+            mean_square: values.iter().map(|v| v * v).sum::<f64>() / n,
+            spread: values.iter().map(|v| (v - value).powi(2)).sum::<f64>() / n,
+        }
     }
 }
 
-/// The source as the fit sees it: itself if it is symmetric, else the average of its images.
+/// The source as the fit sees it: itself if it is symmetric, else what its images make together.
 pub(super) struct Target<'a> {
     pub images: Images<'a>,
     pub symmetric: bool,
@@ -45,7 +61,7 @@ impl Target<'_> {
         if self.symmetric {
             (self.images.source)(p)
         } else {
-            self.images.moments(p)[0]
+            self.images.moments(p).value
         }
     }
 }
@@ -83,11 +99,40 @@ pub(super) fn midpoints(dimension: usize, n: usize) -> Vec<[f64; 3]> {
     }
 }
 
-/// Parts per edge of the fundamental simplex: enough for the unknowns and for the wanted density.
-pub(super) fn parts(element: Element, unknowns: usize, per_edge: usize) -> usize {
-    let volume = element.measure() / if element == Element::Tet { 24.0 } else { 48.0 };
-    let by_density = per_edge as f64 * volume.cbrt();
-    let by_unknowns = ((SAMPLES_PER_UNKNOWN * unknowns) as f64).cbrt();
+/// Ordered coordinates of the midpoints of equal parts of what a flag has in an element of some
+/// dimension: its interior (0), its face (1), its edge (2); `None` for the edge of a planar element.
+pub(super) fn stratum(dimension: usize, which: usize, n: usize) -> Option<Vec<[f64; 3]>> {
+    match (dimension, which) {
+        (3, _) => Some(midpoints(3 - which, n)),
+        // The flag of a planar element is the triangle c = 0.
+        (_, 0) => Some(
+            midpoints(2, n)
+                .into_iter()
+                .map(|[_, b, c]| [b, c, 0.0])
+                .collect(),
+        ),
+        (_, 1) => Some(midpoints(1, n)),
+        _ => None,
+    }
+}
+
+/// Area or length of what a flag has of a face or an edge, up to a factor; of the interior the share.
+fn extent(flag: &Flag, dimension: usize, which: usize) -> f64 {
+    let [_, vertex, edge, face] = flag.corners;
+    match (dimension, which) {
+        (_, 0) => flag.share,
+        (3, 1) => (edge - vertex).cross(&(face - vertex)).norm(),
+        _ => (edge - vertex).norm(),
+    }
+}
+
+/// Parts per edge of a flag: enough for the unknowns and for the wanted density.
+pub(super) fn parts(element: Element, domain: &Domain, unknowns: usize, per_edge: usize) -> usize {
+    let dimension = element.dimension();
+    let root = |v: f64| v.powf(1.0 / dimension as f64);
+    let flags = all_flags(element).len() as f64;
+    let by_density = per_edge as f64 * root(element.measure() / flags);
+    let by_unknowns = root((SAMPLES_PER_UNKNOWN * unknowns) as f64 / domain.flags.len() as f64);
     by_density.max(by_unknowns).ceil().max(6.0) as usize
 }
 
@@ -98,34 +143,55 @@ pub(super) struct Quality {
     pub rms: f64,
 }
 
-/// Samples of the averaged source with their weights.
+/// A place in the element with its weight in the mean over interior, faces and edges.
+pub(super) type Place = (CellPoint<3>, f64);
+
+/// Midpoints of the parts of all flags, the interior's first, and how many those are; the weights of
+/// interior, faces and edges are given.
+pub(super) fn places(
+    element: Element,
+    domain: &Domain,
+    parts: usize,
+    weights: [f64; 3],
+) -> (Vec<Place>, usize) {
+    let dimension = element.dimension();
+    let mut places = Vec::new();
+    let mut interior = 0;
+    for (which, weight) in weights.into_iter().enumerate() {
+        let Some(midpoints) = stratum(dimension, which, parts << which) else {
+            continue;
+        };
+        let sizes = domain.flags.iter().map(|f| extent(f, dimension, which));
+        let total: f64 = sizes.clone().sum();
+        for (flag, size) in domain.flags.iter().zip(sizes) {
+            let each = weight * size / total / midpoints.len() as f64;
+            places.extend(midpoints.iter().map(|&c| (flag.point(c), each)));
+        }
+        if which == 0 {
+            interior = places.len();
+        }
+    }
+    (places, interior)
+}
+
+/// The target at some places, the first `interior` of which average over the element's interior,
+/// and how symmetric the source is.
 pub(super) fn sample(
     element: Element,
     target: &Target,
-    parts: usize,
+    places: &[Place],
+    interior: usize,
     extra: &Extra,
     progress: &dyn Progress,
-) -> Result<(Vec<Sample>, Quality), FitError> {
-    let corners = flag(element);
-    let mut places = Vec::new();
-    for (dimension, n, weight) in [
-        (3, parts, 1.0),
-        (2, 2 * parts, FACE_WEIGHT),
-        (1, 4 * parts, EDGE_WEIGHT),
-    ] {
-        let midpoints = midpoints(dimension, n);
-        let each = weight / midpoints.len() as f64;
-        places.extend(midpoints.into_iter().map(|c| (point(&corners, c), each)));
-    }
-    let interior = parts.pow(3);
-    let moments: Vec<[f64; 3]> = places
+) -> Result<(Vec<f64>, Quality), FitError> {
+    let moments: Vec<Moments> = places
         .par_iter()
         .map(|(p, _)| {
             if progress.cancelled() {
                 return Err(FitError::Cancelled(Cancelled));
             }
             let m = target.images.moments(*p);
-            if m[1].is_finite() {
+            if m.mean_square.is_finite() {
                 return Ok(m);
             }
             Err(FitError::NotFinite {
@@ -133,22 +199,25 @@ pub(super) fn sample(
                 y: p.0.y,
                 z: p.0.z,
                 element: element.name(),
-                value: m[1],
+                value: m.mean_square,
             })
         })
         .collect::<Result<_, _>>()?;
-    let mean = |f: &dyn Fn(&[f64; 3]) -> f64| {
-        moments[..interior].iter().map(f).sum::<f64>() / interior as f64
+    let total: f64 = places[..interior].iter().map(|(_, w)| w).sum();
+    let mean = |f: &dyn Fn(&Moments) -> f64| {
+        let terms = moments[..interior].iter().zip(places);
+        terms.map(|(m, (_, w))| w * f(m)).sum::<f64>() / total
     };
-    let square = mean(&|m| m[1]);
-    let kept = mean(&|m| m[0] * m[0]);
+    let square = mean(&|m| m.mean_square);
+    let kept = mean(&|m| m.mean * m.mean);
     let quality = Quality {
         kept_energy: if square > 0.0 { kept / square } else { 0.0 },
-        residual: mean(&|m| m[2]).sqrt(),
+        residual: mean(&|m| m.spread).sqrt(),
         rms: square.sqrt(),
     };
-    let least = moments.iter().fold(f64::INFINITY, |a, m| a.min(m[0]));
-    let greatest = moments.iter().fold(f64::NEG_INFINITY, |a, m| a.max(m[0]));
+    let values: Vec<f64> = moments.iter().map(|m| m.value).collect();
+    let least = values.iter().copied().fold(f64::INFINITY, f64::min);
+    let greatest = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     if least >= 0.0 || greatest <= 0.0 {
         return Err(FitError::NoSurface {
             missing: if least >= 0.0 { "solid" } else { "void" },
@@ -158,16 +227,7 @@ pub(super) fn sample(
             hint: extra.hint(element),
         });
     }
-    let samples = places
-        .into_iter()
-        .zip(&moments)
-        .map(|((point, weight), m)| Sample {
-            point,
-            value: m[0],
-            weight,
-        })
-        .collect();
-    Ok((samples, quality))
+    Ok((values, quality))
 }
 
 #[cfg(test)]

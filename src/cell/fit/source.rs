@@ -21,10 +21,14 @@ pub fn fit_source(
     options: &FitOptions,
     progress: &dyn Progress,
 ) -> Result<Cell, FitError> {
-    source.resolves(options.band_limit)?;
+    // A tolerance begins low, and ends at the latest where the source is known no better.
+    if options.tolerance.is_none() {
+        source.resolves(options.band_limit)?;
+    }
     let extra = Extra {
         points: source.surface_points().to_vec(),
         source: Some(source.report()),
+        period: None,
     };
     fit_with(
         name,

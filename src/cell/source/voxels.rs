@@ -121,11 +121,7 @@ impl Voxels {
         let step = 1.0 / self.counts[0] as f64;
         // A square has one sample along z, along which nothing changes.
         let shape = &self.counts[..if self.counts[2] == 1 { 2 } else { 3 }];
-        let mut distance = edt::signed_distance(&solid, shape, periodic);
-        for d in &mut distance {
-            *d *= step;
-        }
-        distance
+        edt::signed_distance(&solid, shape, &vec![step; shape.len()], periodic)
     }
 
     /// The function between the samples, and whether it is a distance.

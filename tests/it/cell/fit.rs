@@ -1,6 +1,6 @@
 //! Laws of the fit, and the reference values and accuracies it has to meet.
 
-use super::{at, vec3};
+use super::{Shape, at, vec3};
 use druse::cell::{
     Caps, Cell, FitError, FitOptions, Placement, Sample, Series, Solid, Surface, fit, fit_mesh,
     least_squares,
@@ -11,8 +11,6 @@ use druse::mesh::TriMesh;
 use druse::progress::{Progress, Silent, Threads};
 use druse::symmetry::Basis;
 use serde_json::Value;
-
-type Shape = fn(CellPoint<3>) -> f64;
 
 fn segment(x: Vec3, a: Vec3, b: Vec3) -> f64 {
     let d = b - a;
@@ -25,7 +23,7 @@ fn least(values: impl IntoIterator<Item = f64>) -> f64 {
 }
 
 /// A ball with struts to the vertices.
-fn sphere_struts(p: CellPoint<3>) -> f64 {
+pub(super) fn sphere_struts(p: CellPoint<3>) -> f64 {
     let struts = Element::Tet
         .vertices()
         .into_iter()
@@ -34,7 +32,7 @@ fn sphere_struts(p: CellPoint<3>) -> f64 {
 }
 
 /// Struts along the edges.
-fn edge_frame(p: CellPoint<3>) -> f64 {
+pub(super) fn edge_frame(p: CellPoint<3>) -> f64 {
     let v = Element::Tet.vertices();
     least(
         (0..4)
@@ -49,7 +47,7 @@ fn face_plates(p: CellPoint<3>) -> f64 {
 }
 
 /// Three crossing cylinders along the axes.
-fn cross(p: CellPoint<3>) -> f64 {
+pub(super) fn cross(p: CellPoint<3>) -> f64 {
     let s = p.0.component_mul(&p.0);
     (s.sum() - s.max()).max(0.0).sqrt() - 0.1
 }
@@ -102,7 +100,7 @@ fn least_squares_are_those_of_the_reference() {
                 weight: 1.0 / points.len() as f64,
             })
             .collect();
-        let real = least_squares(&basis, &samples, 1e-7, &Silent).unwrap();
+        let real = least_squares(&basis, &samples, 1e-7, None, &Silent).unwrap();
         let series = Series::new(group, lattice, &basis.coefficients(&real)).unwrap();
         let square: f64 = samples
             .iter()
@@ -185,7 +183,7 @@ fn error_falls_with_the_band_limit() {
 #[test]
 fn a_band_limited_symmetric_source_is_met_exactly() {
     let exact = FitOptions {
-        regularisation: 1e-13,
+        regularisation: Some(1e-13),
         measure: false,
         ..options(2.9)
     };

@@ -314,7 +314,7 @@ fn a_band_limited_formula_is_found_again() {
     let source = Source::formula(Element::Hex, formula, &HERE).unwrap();
     let options = FitOptions {
         band_limit: 2.0,
-        regularisation: 1e-12,
+        regularisation: Some(1e-12),
         ..FitOptions::default()
     };
     let cell = fit_source("p", Element::Hex, &source, &options, &Silent).unwrap();

@@ -1,0 +1,195 @@
+//! Samples on a grid of the period that lie in the element, one for each orbit under the group.
+//!
+//! The interior's mean gives every point its share: 1 inside, 1/2 on a face, the dihedral angle over
+//! 2 pi on an edge; to these are added the means over the points on the faces and on the edges. With
+//! N a multiple of 12 the faces and edges of the elements run through points of the grid.
+
+use crate::frame::{CellPoint, Element, Vec3};
+use crate::symmetry::{Lattice, PointGroup};
+use nalgebra::SVector;
+use std::collections::BTreeMap;
+use std::f64::consts::TAU;
+
+/// How near to a face a point lies on it.
+const ON_FACE: f64 = 1e-9;
+
+/// A point of the grid with all its images.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct GridSample<const D: usize> {
+    /// One of the images, in the reference frame.
+    pub point: CellPoint<D>,
+    /// Places of the images in the grid of the period, last axis fastest.
+    pub places: Vec<usize>,
+    /// The value wanted there.
+    pub value: f64,
+    /// The weight of each image.
+    pub weight: f64,
+}
+
+/// The images of a point, their share of the interior each, and on how many faces they are.
+type Orbit<const D: usize> = (Vec<[i32; D]>, f64, usize);
+
+/// The least grid for a band: a product of 12 and small primes, at least `least`.
+pub(in crate::cell) fn grid_size(least: usize) -> usize {
+    let mut n = least.next_multiple_of(12);
+    loop {
+        let mut m = n;
+        for p in [2, 3, 5] {
+            while m % p == 0 {
+                m /= p;
+            }
+        }
+        if m == 1 {
+            return n;
+        }
+        n += 12;
+    }
+}
+
+/// Share of a small ball around a point that lies in the element, and on how many faces it is.
+fn share(normals: &[(Vec3, f64)], p: Vec3) -> (f64, usize) {
+    let on: Vec<Vec3> = normals
+        .iter()
+        .filter(|(n, offset)| (n.dot(&p) - offset).abs() < ON_FACE)
+        .map(|(n, _)| *n)
+        .collect();
+    match on.as_slice() {
+        [] => (1.0, 0),
+        [_] => (0.5, 1),
+        [a, b] => (0.5 - a.dot(b).clamp(-1.0, 1.0).acos() / TAU, 2),
+        // A few points only: an octant, as at a cube's corner.
+        _ => (0.125, on.len()),
+    }
+}
+
+/// The points of a grid of n^D samples per period that lie in the element, values still zero; the
+/// weights of interior, faces and edges are given.
+pub(super) fn grid_samples<const D: usize>(
+    element: Element,
+    group: &PointGroup<D>,
+    lattice: &Lattice<D>,
+    n: usize,
+    weights: [f64; 3],
+) -> Vec<GridSample<D>> {
+    let normals: Vec<(Vec3, f64)> = super::super::face_normal::walls::<D>(element)
+        .into_iter()
+        .map(|w| (embed(&w.normal), w.offset))
+        .collect();
+    let outside = |p: &Vec3| {
+        normals
+            .iter()
+            .any(|(normal, offset)| normal.dot(p) - offset > ON_FACE)
+    };
+    // The element's box in lattice coordinates.
+    let mut reach = [[i32::MAX, i32::MIN]; D];
+    for v in element.vertices() {
+        let u = lattice.inverse() * SVector::<f64, D>::from_fn(|a, _| v[a]);
+        for a in 0..D {
+            let j = u[a] * n as f64;
+            reach[a][0] = reach[a][0].min((j - 1e-6).ceil() as i32);
+            reach[a][1] = reach[a][1].max((j + 1e-6).floor() as i32);
+        }
+    }
+    // Orbits by their greatest member, so that each is met once.
+    let mut found: BTreeMap<[i32; D], Orbit<D>> = BTreeMap::new();
+    let mut j: [i32; D] = std::array::from_fn(|a| reach[a][0]);
+    'all: loop {
+        let u = SVector::<f64, D>::from_fn(|a, _| f64::from(j[a]) / n as f64);
+        let p = embed(&(lattice.columns() * u));
+        if !outside(&p) {
+            let mut images: Vec<[i32; D]> = group
+                .operators()
+                .iter()
+                .map(|op| {
+                    let m = op.rows();
+                    std::array::from_fn(|a| (0..D).map(|b| m[a][b] * j[b]).sum())
+                })
+                .collect();
+            if images.iter().all(|i| *i <= j) {
+                images.sort_unstable();
+                images.dedup();
+                let (share, faces) = share(&normals, p);
+                found.insert(j, (images, share, faces));
+            }
+        }
+        let mut axis = D;
+        loop {
+            if axis == 0 {
+                break 'all;
+            }
+            axis -= 1;
+            if j[axis] < reach[axis][1] {
+                j[axis] += 1;
+                break;
+            }
+            j[axis] = reach[axis][0];
+        }
+    }
+    let total = |pick: &dyn Fn(f64, usize) -> f64| -> f64 {
+        found
+            .values()
+            .map(|(images, share, faces)| images.len() as f64 * pick(*share, *faces))
+            .sum()
+    };
+    let on_face = |_, faces| if faces >= 1 { 1.0 } else { 0.0 };
+    // In the plane a point on two edges is a vertex.
+    let on_edge = |_, faces| if D == 3 && faces >= 2 { 1.0 } else { 0.0 };
+    let (inside, face, edge) = (
+        total(&|s, _| s),
+        total(&on_face).max(1.0),
+        total(&on_edge).max(1.0),
+    );
+    found
+        .into_iter()
+        .map(|(j, (images, share, faces))| {
+            let u = SVector::<f64, D>::from_fn(|a, _| f64::from(j[a]) / n as f64);
+            let place = |i: &[i32; D]| {
+                i.iter()
+                    .fold(0, |place, c| place * n + c.rem_euclid(n as i32) as usize)
+            };
+            GridSample {
+                point: CellPoint(lattice.columns() * u),
+                places: images.iter().map(place).collect(),
+                value: 0.0,
+                weight: weights[0] * share / inside
+                    + weights[1] * on_face(share, faces) / face
+                    + weights[2] * on_edge(share, faces) / edge,
+            }
+        })
+        .collect()
+}
+
+/// A planar vector in space.
+fn embed<const D: usize>(v: &SVector<f64, D>) -> Vec3 {
+    Vec3::from_fn(|a, _| if a < D { v[a] } else { 0.0 })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::super::Cell;
+    use super::*;
+
+    #[test]
+    fn the_grid_averages_over_the_element() {
+        for (element, mean_square) in [(Element::Tet, 0.15), (Element::Hex, 0.25)] {
+            let (group, lattice) = Cell::symmetry(element, None).unwrap();
+            let samples = grid_samples(element, &group, &lattice, 48, [1.0, 0.3, 0.1]);
+            let mean = |f: &dyn Fn(&Vec3) -> f64| {
+                samples
+                    .iter()
+                    .map(|s| s.weight * s.places.len() as f64 * f(&s.point.0))
+                    .sum::<f64>()
+            };
+            let all = 1.4;
+            assert!((mean(&|_| 1.0) - all).abs() < 1e-12);
+            // Interior, faces, edges: 3/20 of the tet's cube edge and so on.
+            let (face, edge) = match element {
+                Element::Tet => (0.25, 5.0 / 12.0),
+                _ => (5.0 / 12.0, 7.0 / 12.0),
+            };
+            let exact = mean_square + 0.3 * face + 0.1 * edge;
+            let found = mean(&|p| p.norm_squared());
+            assert!((found - exact).abs() < 3e-3, "{element:?} {found} {exact}");
+        }
+    }
+}

@@ -1,0 +1,97 @@
+//! The orthogonal projection of a spectrum onto the symmetric functions (Eq. 8, corrected).
+//!
+//! C of an orbit is the mean of g^ over the orbit, where g^ is the coefficient of exp(2 pi i k.u) in
+//! the samples' interpolant; the conjugate in c = int g conj(phi) is what makes it so. The result is
+//! the transform of the samples averaged over their images, hence exact for symmetric samples of
+//! a band below half the number of samples. Orbits that reach the Nyquist index are dropped.
+
+use super::transform::{Spectrum, Transform};
+use crate::symmetry::{Frequency, Lattice, PointGroup};
+use rayon::prelude::*;
+use rustfft::num_complex::Complex64;
+
+/// Representatives and coefficients of every orbit pair with |f| <= `radius` (all, without one).
+fn project<const D: usize>(
+    group: &PointGroup<D>,
+    lattice: &Lattice<D>,
+    spectrum: &Spectrum<D>,
+    radius: Option<f64>,
+) -> Vec<(Frequency<D>, [f64; 2])> {
+    let h = spectrum.greatest_index();
+    let scale = (spectrum.samples() as f64).powi(D as i32).recip();
+    let operators = group.operators();
+    // The mean over the operators, or nothing unless k is the greatest of its orbit pair.
+    let coefficient = |k: Frequency<D>| -> Option<[f64; 2]> {
+        if radius.is_some_and(|r| lattice.frequency_norm(k) > r + 1e-9) {
+            return None;
+        }
+        let opposite = k.map(|c| -c);
+        let (mut sum, mut paired) = (Complex64::default(), false);
+        for op in operators {
+            let image = op.apply_to_frequency(k);
+            if image > k || image < opposite || image.iter().any(|c| c.abs() > h) {
+                return None;
+            }
+            paired |= image == opposite;
+            let odd = image.iter().sum::<i32>().rem_euclid(2) == 1;
+            let value = spectrum.plain(image);
+            sum += if odd { -value } else { value };
+        }
+        let mean = sum * (scale / operators.len() as f64);
+        Some([mean.re, if paired { 0.0 } else { mean.im }])
+    };
+    // The greatest of a pair begins with an index that is not negative.
+    let slabs: Vec<Vec<_>> = (0..=h)
+        .into_par_iter()
+        .map(|first| {
+            let mut found = Vec::new();
+            let mut k = [-h; D];
+            k[0] = first;
+            loop {
+                if let Some(c) = coefficient(k) {
+                    found.push((k, c));
+                }
+                let Some(axis) = (1..D).rev().find(|&a| k[a] < h) else {
+                    return found;
+                };
+                k[axis] += 1;
+                for c in &mut k[axis + 1..] {
+                    *c = -h;
+                }
+            }
+        })
+        .collect();
+    slabs.concat()
+}
+
+/// Coefficients C of the symmetric part of samples over the period cell: the plain FFT fit.
+///
+/// Samples stand at u = j/N - 1/2 with the last axis fastest. Each orbit pair within |f| <= `radius`
+/// (every one below the Nyquist index, without a radius) is listed once, by its lexicographically
+/// greatest member, as [`crate::cell::Series::new`] takes them.
+///
+/// # Panics
+/// If there are not `n`^D samples.
+///
+/// ```
+/// use druse::cell::fourier_coefficients;
+/// use druse::symmetry::{Lattice, PointGroup};
+/// let lattice = Lattice::<2>::named("square").unwrap();
+/// let group = PointGroup::named("D4", &lattice).unwrap();
+/// let wave = |i: usize| (std::f64::consts::TAU * (i as f64 / 4.0 - 0.5)).cos();
+/// let samples: Vec<f64> = (0..16).map(|j| wave(j / 4)).collect();
+/// let found = fourier_coefficients(&group, &lattice, &samples, 4, None);
+/// // cos(2 pi x) averaged with cos(2 pi y): a quarter on each of four exponentials.
+/// assert!(found.iter().any(|(k, c)| *k == [1, 0] && (c[0] - 0.25).abs() < 1e-15));
+/// ```
+pub fn fourier_coefficients<const D: usize>(
+    group: &PointGroup<D>,
+    lattice: &Lattice<D>,
+    samples: &[f64],
+    n: usize,
+    radius: Option<f64>,
+) -> Vec<(Frequency<D>, [f64; 2])> {
+    assert_eq!(samples.len(), n.pow(D as u32), "n samples along every axis");
+    let spectrum = Transform::new(n).forward(samples);
+    project(group, lattice, &spectrum, radius)
+}

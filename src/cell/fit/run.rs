@@ -1,0 +1,425 @@
+//! One fit at one band limit: samples, coefficients, report.
+
+use super::super::domain::Domain;
+use super::super::face_normal::{self, FaceNormal};
+use super::super::pairing;
+use super::extension::Extension;
+use super::grid::{grid_samples, grid_size};
+use super::iterative::conjugate_gradients;
+use super::sampling::{Images, Place, Quality, Target, parts, places, sample};
+use super::solve::{NormalEquations, Sample};
+use super::{Distance, Extra, FitError, FitOptions, Method, Symmetrise, accuracy, project};
+use crate::cell::{Cell, Form, Series, symmetry};
+use crate::frame::{CellPoint, Element, Vec3};
+use crate::progress::{Cancelled, Progress};
+use crate::symmetry::{Basis, Frequency, Lattice};
+use nalgebra::SVector;
+use rayon::prelude::*;
+use std::collections::BTreeMap;
+use std::f64::consts::SQRT_2;
+
+/// Share of the mean square below which nothing of the source is symmetric, and below which it is
+/// worth a warning.
+const NO_SYMMETRIC_PART: f64 = 1e-6;
+const LITTLE_SYMMETRIC_PART: f64 = 0.9;
+/// Below this share of its root mean square a source's asymmetry is rounding.
+const SYMMETRIC: f64 = 1e-6;
+/// Samples per shortest wave of a transform, at least; of the iterative solver's grid.
+const SAMPLES_PER_WAVE: f64 = 4.0;
+
+/// Largest band limit whose waves N samples per period tell apart.
+pub fn largest_band<const D: usize>(lattice: &Lattice<D>, n: usize) -> f64 {
+    let longest = (0..D).map(|a| lattice.columns().column(a).norm());
+    ((n.max(1) - 1) / 2) as f64 / longest.fold(0.0, f64::max)
+}
+
+/// Number of samples per period that a band needs: more than twice its largest index.
+fn needed_samples<const D: usize>(lattice: &Lattice<D>, band_limit: f64) -> usize {
+    let reach = |a| (band_limit * lattice.columns().column(a).norm() + 1e-9).floor() as usize;
+    2 * (0..D).map(reach).max().unwrap_or(0) + 1
+}
+
+/// What every method works with.
+pub(super) struct Job<'a> {
+    pub element: Element,
+    pub source: &'a Distance<'a>,
+    pub extra: &'a Extra<'a>,
+    pub options: &'a FitOptions,
+    pub progress: &'a dyn Progress,
+}
+
+/// The coefficients of a fit in the real orthonormal basis.
+struct Found {
+    real: Vec<f64>,
+    quality: Quality,
+    solver: String,
+}
+
+impl Job<'_> {
+    /// Fits, and measures if the options say so.
+    pub fn run(&self, name: &str) -> Result<Cell, FitError> {
+        if self.element.dimension() == 2 {
+            self.run_in::<2>(name)
+        } else {
+            self.run_in::<3>(name)
+        }
+    }
+
+    fn run_in<const D: usize>(&self, name: &str) -> Result<Cell, FitError>
+    where
+        Form: From<Series<D>>,
+    {
+        let options = self.options;
+        let lattice_name = match (options.method, &options.lattice) {
+            (Method::Paper, None) if self.element == Element::Tet => Some("cubic"),
+            (_, name) => name.as_deref(),
+        };
+        let (group, lattice) = symmetry::<D>(self.element, options.group.as_deref(), lattice_name)?;
+        // The number of orbits, about that of unknowns, without listing them.
+        let limit = options.most_unknowns();
+        let unit = std::f64::consts::PI * if D == 3 { 4.0 / 3.0 } else { 1.0 };
+        let ball = unit * options.band_limit.powi(D as i32) * lattice.volume();
+        let estimate = ball / group.order() as f64;
+        let too_large = |unknowns: usize| FitError::TooLarge {
+            band_limit: options.band_limit,
+            unknowns,
+            limit,
+            largest: options.band_limit
+                * (limit as f64 * 0.8 / unknowns as f64).powf(1.0 / D as f64),
+        };
+        if estimate > 2.0 * limit as f64 {
+            return Err(too_large(estimate as usize));
+        }
+        let basis = Basis::new(group, lattice, options.band_limit);
+        if basis.len() > limit {
+            return Err(too_large(basis.len()));
+        }
+        let constraint = options
+            .face_normal
+            .then(|| FaceNormal::new(&basis, self.element));
+        let operators = pairing::embedded(basis.group(), basis.lattice());
+        let domain = Domain::new(self.element, &operators);
+        let mut target = Target {
+            images: Images {
+                source: self.source,
+                operators,
+                symmetrise: options.symmetrise,
+            },
+            symmetric: false,
+        };
+        let found = match options.method {
+            Method::Lsq => self.least_squares(&basis, &domain, &mut target, constraint.as_ref())?,
+            _ => self.transform(&basis, &domain, &mut target, constraint.as_ref())?,
+        };
+        let series = Series::new(
+            basis.group().clone(),
+            basis.lattice().clone(),
+            &nonzero(basis.coefficients(&found.real)),
+        )?;
+        let residual = face_normal::residual(&series, self.element);
+        let cell = Cell::new(name, self.element, series)?.with_face_normal(options.face_normal);
+        cell.check_surface()?;
+        self.progress.stage("fit: accuracy", None);
+        let parts = parts(self.element, &domain, basis.len(), options.samples);
+        let sampling = (&domain, parts);
+        let mut report =
+            accuracy::measure(&cell, &target, sampling, options, self.extra, self.progress)?;
+        options.method.name().clone_into(&mut report.method);
+        report.solver = found.solver;
+        report.degrees_of_freedom = found.real.iter().filter(|a| **a != 0.0).count();
+        report.kept_energy = found.quality.kept_energy;
+        report.symmetry_residual = found.quality.residual;
+        report.face_normal_residual = residual;
+        if found.quality.kept_energy < LITTLE_SYMMETRIC_PART {
+            report.warnings.push(format!(
+                "only {:.3} of the source's energy has the symmetry {}: the cell differs from it \
+                 by rms {:.4}",
+                found.quality.kept_energy,
+                basis.group().name(),
+                found.quality.residual,
+            ));
+        }
+        Ok(cell.with_report(report))
+    }
+
+    /// Values of the target at some places, refused if nothing of the source is symmetric.
+    fn values<const D: usize>(
+        &self,
+        basis: &Basis<D>,
+        target: &mut Target,
+        places: &[Place],
+        interior: usize,
+    ) -> Result<(Vec<f64>, Quality), FitError> {
+        self.progress.stage("fit: samples", None);
+        let (values, quality) = sample(
+            self.element,
+            target,
+            places,
+            interior,
+            self.extra,
+            self.progress,
+        )?;
+        let average = self.options.symmetrise == Symmetrise::Average;
+        if average && quality.kept_energy < NO_SYMMETRIC_PART {
+            return Err(FitError::NoSymmetricPart {
+                group: basis.group().name().to_owned(),
+                kept: quality.kept_energy,
+            });
+        }
+        target.symmetric = quality.residual <= SYMMETRIC * quality.rms;
+        Ok((values, quality))
+    }
+
+    fn least_squares<const D: usize>(
+        &self,
+        basis: &Basis<D>,
+        domain: &Domain,
+        target: &mut Target,
+        constraint: Option<&FaceNormal>,
+    ) -> Result<Found, FitError> {
+        let options = self.options;
+        if options.iterative(basis.len()) {
+            return self.iterative(basis, target, constraint);
+        }
+        let parts = parts(self.element, domain, basis.len(), options.samples);
+        let (places, interior) = places(self.element, domain, parts, options.weights());
+        let (values, quality) = self.values(basis, target, &places, interior)?;
+        let samples: Vec<Sample<D>> = places
+            .iter()
+            .zip(values)
+            .map(|(&(point, weight), value)| Sample {
+                point: CellPoint(SVector::from_fn(|a, _| point.0[a])),
+                value,
+                weight,
+            })
+            .collect();
+        self.progress.stage("fit: least squares", None);
+        let equations =
+            NormalEquations::assemble(basis, &samples, options.lambda(), self.progress)?;
+        let mut real = equations.solve(constraint)?;
+        if let Some(kept) = largest(basis, &real, options.keep) {
+            let indices: Vec<usize> = (0..real.len()).filter(|&i| kept[i]).collect();
+            let constraint = constraint.map(|c| c.restricted(&indices));
+            let own = equations.restricted(&indices).solve(constraint.as_ref())?;
+            real.fill(0.0);
+            for (i, value) in indices.into_iter().zip(own) {
+                real[i] = value;
+            }
+        }
+        Ok(Found {
+            real,
+            quality,
+            solver: "dense".to_owned(),
+        })
+    }
+
+    fn iterative<const D: usize>(
+        &self,
+        basis: &Basis<D>,
+        target: &mut Target,
+        constraint: Option<&FaceNormal>,
+    ) -> Result<Found, FitError> {
+        let options = self.options;
+        let lattice = basis.lattice();
+        // As dense in the element as the wanted samples, and six samples an unknown.
+        let wanted = options.samples as f64 * lattice.volume().powf(1.0 / D as f64);
+        let share = self.element.measure() / lattice.volume() / basis.group().order() as f64;
+        let by_unknowns = (6.0 * basis.len() as f64 / share).powf(1.0 / D as f64);
+        let by_band = SAMPLES_PER_WAVE / 2.0 * needed_samples(lattice, options.band_limit) as f64;
+        let n = grid_size(wanted.max(by_unknowns).max(by_band).ceil() as usize);
+        let mut samples = grid_samples(self.element, basis.group(), lattice, n, options.weights());
+        let places: Vec<Place> = samples
+            .iter()
+            .map(|s| {
+                let point = CellPoint(in_space(&s.point.0));
+                (point, s.weight * s.places.len() as f64)
+            })
+            .collect();
+        let (values, quality) = self.values(basis, target, &places, places.len())?;
+        for (s, value) in samples.iter_mut().zip(values) {
+            s.value = value;
+        }
+        self.progress.stage("fit: least squares", None);
+        let solve = |constraint: Option<&FaceNormal>, kept: &[bool]| {
+            conjugate_gradients(
+                basis,
+                n,
+                &samples,
+                options.lambda(),
+                constraint,
+                kept,
+                self.progress,
+            )
+        };
+        let (mut real, mut steps) = solve(constraint, &[])?;
+        if let Some(kept) = largest(basis, &real, options.keep) {
+            let constraint = constraint.map(|c| c.masked(&kept));
+            (real, steps) = solve(constraint.as_ref(), &kept)?;
+        }
+        Ok(Found {
+            real,
+            quality,
+            solver: format!("iterative, {steps} steps"),
+        })
+    }
+
+    fn transform<const D: usize>(
+        &self,
+        basis: &Basis<D>,
+        domain: &Domain,
+        target: &mut Target,
+        constraint: Option<&FaceNormal>,
+    ) -> Result<Found, FitError> {
+        let options = self.options;
+        let lattice = basis.lattice();
+        let needed = needed_samples(lattice, options.band_limit);
+        let parts = parts(self.element, domain, basis.len(), options.samples);
+        let (places, interior) = places(self.element, domain, parts, options.weights());
+        let (_, quality) = self.values(basis, target, &places, interior)?;
+        let coefficients = if let Some((samples, n)) = self.extra.period {
+            if n < needed {
+                return Err(FitError::TooFewSamples {
+                    samples: n,
+                    band_limit: options.band_limit,
+                    needed,
+                    largest: largest_band(lattice, n),
+                });
+            }
+            self.progress.stage("fit: transform", None);
+            let radius = Some(options.band_limit);
+            project::fourier_coefficients(basis.group(), lattice, samples, n, radius)
+        } else {
+            let extension = Extension::of(
+                self.element,
+                lattice.name().unwrap_or_default(),
+                options.method == Method::Paper,
+            )?;
+            let wanted = options.samples as f64 * lattice.volume().powf(1.0 / D as f64);
+            let by_band = SAMPLES_PER_WAVE / 2.0 * needed as f64;
+            let n = grid_size(wanted.max(by_band).ceil() as usize);
+            let samples = self.period(target, extension, lattice, n)?;
+            self.progress.stage("fit: transform", None);
+            let radius = Some(options.band_limit);
+            project::fourier_coefficients(basis.group(), lattice, &samples, n, radius)
+        };
+        let mut real = real_coefficients(basis, coefficients);
+        let mut constraint = constraint.cloned();
+        if let Some(kept) = largest(basis, &real, options.keep) {
+            for (value, kept) in real.iter_mut().zip(&kept) {
+                if !kept {
+                    *value = 0.0;
+                }
+            }
+            constraint = constraint.map(|c| c.masked(&kept));
+        }
+        if let Some(constraint) = &constraint {
+            constraint.project(&mut real);
+        }
+        Ok(Found {
+            real,
+            quality,
+            solver: "transform".to_owned(),
+        })
+    }
+
+    /// The extended source on a grid of the period.
+    fn period<const D: usize>(
+        &self,
+        target: &Target,
+        extension: Extension,
+        lattice: &Lattice<D>,
+        n: usize,
+    ) -> Result<Vec<f64>, FitError> {
+        // The projection averages, unless the period takes the extension's own symmetry.
+        let plain = self.options.symmetrise == Symmetrise::Average && extension != Extension::Fold;
+        (0..n.pow(D as u32))
+            .into_par_iter()
+            .map(|place| {
+                if self.progress.cancelled() {
+                    return Err(FitError::Cancelled(Cancelled));
+                }
+                let u = SVector::<f64, D>::from_fn(|a, _| {
+                    let j = place / n.pow((D - 1 - a) as u32) % n;
+                    j as f64 / n as f64 - 0.5
+                });
+                let p = CellPoint(extension.inner(in_space(&(lattice.columns() * u))));
+                let value = if plain {
+                    (self.source)(p)
+                } else {
+                    target.value(p)
+                };
+                if value.is_finite() {
+                    return Ok(value);
+                }
+                Err(FitError::NotFinite {
+                    x: p.0.x,
+                    y: p.0.y,
+                    z: p.0.z,
+                    element: self.element.name(),
+                    value,
+                })
+            })
+            .collect()
+    }
+}
+
+/// The `keep` largest coefficients of an orthonormal basis, both of a pair or none; `None` if that
+/// is all of them.
+fn largest<const D: usize>(
+    basis: &Basis<D>,
+    real: &[f64],
+    keep: Option<usize>,
+) -> Option<Vec<bool>> {
+    let keep = keep.filter(|k| *k < real.len())?;
+    let mut sizes = Vec::new();
+    let mut column = 0;
+    for h in basis.harmonics() {
+        let own = column..column + h.functions();
+        let size = real[own.clone()].iter().map(|a| a * a).sum::<f64>();
+        column = own.end;
+        sizes.push((size, own));
+    }
+    // Stable, so that of equal ones the lower frequency stays.
+    sizes.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let mut kept = vec![false; real.len()];
+    let mut count = 0;
+    for (_, own) in sizes {
+        if count + own.len() <= keep {
+            count += own.len();
+            kept[own].fill(true);
+        }
+    }
+    Some(kept)
+}
+
+/// The real coefficients of a series given by its complex ones.
+fn real_coefficients<const D: usize>(
+    basis: &Basis<D>,
+    terms: Vec<(Frequency<D>, [f64; 2])>,
+) -> Vec<f64> {
+    let terms: BTreeMap<Frequency<D>, [f64; 2]> = terms.into_iter().collect();
+    let mut real = Vec::with_capacity(basis.len());
+    for h in basis.harmonics() {
+        let c = terms.get(&h.orbit.representative()).copied();
+        let [re, im] = c.unwrap_or_default();
+        if h.self_paired {
+            real.push(re / h.scale);
+        } else {
+            real.push(SQRT_2 * re / h.scale);
+            real.push(-SQRT_2 * im / h.scale);
+        }
+    }
+    real
+}
+
+/// Without the terms that a truncation has set to zero.
+fn nonzero<const D: usize>(terms: Vec<(Frequency<D>, [f64; 2])>) -> Vec<(Frequency<D>, [f64; 2])> {
+    let mut terms = terms;
+    terms.retain(|(k, c)| *k == [0; D] || *c != [0.0; 2]);
+    terms
+}
+
+/// A planar point in space.
+fn in_space<const D: usize>(v: &SVector<f64, D>) -> Vec3 {
+    Vec3::from_fn(|a, _| if a < D { v[a] } else { 0.0 })
+}

@@ -1,0 +1,47 @@
+//! The words of a fit in `[cell.NAME]`.
+
+use schemars::JsonSchema;
+use serde::Deserialize;
+
+/// By what rule the coefficients of a cell are found.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
+#[serde(rename_all = "lowercase")]
+pub enum FitMethod {
+    /// Weighted least squares over the element only.
+    #[default]
+    Lsq,
+    /// Fourier transform of the source over the whole period, continued by reflection where the
+    /// element is not the period.
+    Fft,
+    /// The mirror extension of the literature on the cubic lattice, for comparison.
+    Paper,
+}
+
+/// What the images of a source that lacks the symmetry make together.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
+#[serde(rename_all = "lowercase")]
+pub enum Symmetrise {
+    /// Their mean, the orthogonal projection.
+    #[default]
+    Average,
+    /// Their union.
+    Union,
+    /// Their intersection.
+    Intersection,
+}
+
+/// How the least squares are solved.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
+#[serde(rename_all = "lowercase")]
+pub enum Solver {
+    /// Dense up to 3000 unknowns, then iterative.
+    #[default]
+    Auto,
+    /// Normal equations and Cholesky, up to 4000 unknowns.
+    Dense,
+    /// Matrix-free: conjugate gradients with two Fourier transforms a step.
+    Iterative,
+}

@@ -1,0 +1,187 @@
+//! What the cells' fits reach and what they cost: `cargo bench --bench cells`.
+//!
+//! Accuracy: four cells of the reference tetrahedron fitted with about 240 coefficients, by least
+//! squares over the element and by the mirror extension of the literature, without and with a right
+//! angle at the faces; lengths in reference units (edge sqrt 2). Speed: the projection of 128^3
+//! samples beside their own real transform, the least squares with 1,500 unknowns.
+
+use druse::cell::{Cell, FitOptions, Method, Solver, Transform, fit, fourier_coefficients};
+use druse::frame::{CellPoint, Element, Vec3};
+use druse::progress::{Silent, Threads};
+use std::hint::black_box;
+use std::time::Instant;
+
+fn segment(x: Vec3, a: Vec3, b: Vec3) -> f64 {
+    let d = b - a;
+    let t = ((x - a).dot(&d) / d.norm_squared()).clamp(0.0, 1.0);
+    (x - a - d * t).norm()
+}
+
+fn least(values: impl Iterator<Item = f64>) -> f64 {
+    values.fold(f64::INFINITY, f64::min)
+}
+
+/// A ball of radius 0.15 with struts of radius 0.07 to the vertices.
+fn sphere_struts(p: CellPoint<3>) -> f64 {
+    let ends = Element::Tet.vertices().into_iter();
+    let struts = least(ends.map(|v| segment(p.0, Vec3::zeros(), v)));
+    (p.0.norm() - 0.15).min(struts - 0.07)
+}
+
+/// Struts of radius 0.08 along the edges.
+fn edge_frame(p: CellPoint<3>) -> f64 {
+    let v = Element::Tet.vertices();
+    let pairs = (0..4).flat_map(|i| (0..i).map(move |j| (i, j)));
+    least(pairs.map(|(i, j)| segment(p.0, v[i], v[j]))) - 0.08
+}
+
+/// Plates of thickness 0.05 inside the faces.
+fn face_plates(p: CellPoint<3>) -> f64 {
+    -Element::Tet.face_distance(p) - 0.05
+}
+
+/// Cylinders of radius 0.1 about the three axes.
+fn cross(p: CellPoint<3>) -> f64 {
+    let s = p.0.component_mul(&p.0);
+    (s.sum() - s.max()).max(0.0).sqrt() - 0.1
+}
+
+type Shape = fn(CellPoint<3>) -> f64;
+
+fn accuracy() {
+    println!(
+        "{:<19}{:<24}{:>4} {:>8} {:>8} {:>8}  {:>15} {:>8} {:>8} {:>9}",
+        "cell",
+        "method",
+        "dof",
+        "rms",
+        "face",
+        "edge",
+        "Hausdorff (two)",
+        "|grad|in",
+        "out",
+        "normal"
+    );
+    let shapes: [(&str, Shape); 4] = [
+        ("sphere and struts", sphere_struts),
+        ("edge frame", edge_frame),
+        ("face plates", face_plates),
+        ("cross", cross),
+    ];
+    for (name, shape) in shapes {
+        for face_normal in [false, true] {
+            for (label, method, band_limit) in [
+                ("least squares", Method::Lsq, 7.8),
+                ("mirror extension", Method::Paper, 10.0),
+            ] {
+                let options = FitOptions {
+                    method,
+                    band_limit,
+                    face_normal,
+                    ..FitOptions::default()
+                };
+                let label = format!("{label}{}", if face_normal { ", normal" } else { "" });
+                match fit(name, Element::Tet, &shape, &options, &Silent) {
+                    Ok(cell) => row(name, &label, &cell),
+                    Err(error) => println!("{name:<19}{label:<24}{error}"),
+                }
+            }
+        }
+    }
+}
+
+fn row(name: &str, label: &str, cell: &Cell) {
+    let Some(r) = cell.report() else { return };
+    let h = r.hausdorff.unwrap_or_default();
+    println!(
+        "{name:<19}{label:<24}{:>4} {:>8.5} {:>8.5} {:>8.5}  {:>7.4}/{:<7.4} {:>8.2} {:>8.2} {:>9.1e}",
+        r.degrees_of_freedom,
+        r.rms,
+        r.face_max,
+        r.edge_max,
+        h.cell_to_source,
+        h.source_to_cell,
+        r.gradient_inside,
+        r.gradient_outside,
+        r.face_normal_residual
+    );
+}
+
+/// Least of several times, in seconds.
+fn seconds(times: usize, mut work: impl FnMut()) -> f64 {
+    (0..times)
+        .map(|_| {
+            let start = Instant::now();
+            work();
+            start.elapsed().as_secs_f64()
+        })
+        .fold(f64::INFINITY, f64::min)
+}
+
+/// P15: the fit of N^3 samples under Td beside their own real transform, on one thread.
+fn transform_fit() {
+    let (group, lattice) = match Cell::symmetry(Element::Tet, Some("cubic")) {
+        Ok(found) => found,
+        Err(error) => return println!("P15: {error}"),
+    };
+    for n in [64, 128] {
+        let samples: Vec<f64> = (0..n * n * n)
+            .map(|i| {
+                let at = |j: usize| j as f64 / n as f64 - 0.5;
+                cross(CellPoint(Vec3::new(
+                    at(i / (n * n)),
+                    at(i / n % n),
+                    at(i % n),
+                )))
+            })
+            .collect();
+        let plan = Transform::<3>::new(n);
+        let floor = seconds(7, || {
+            black_box(plan.forward(black_box(&samples)));
+        });
+        let whole = seconds(7, || {
+            black_box(fourier_coefficients(&group, &lattice, &samples, n, None));
+        });
+        println!(
+            "P15 fit of {n}^3 samples under Td: {:.1} ms, its real transform {:.1} ms, ratio {:.2} (at most 10)",
+            whole * 1e3,
+            floor * 1e3,
+            whole / floor
+        );
+    }
+}
+
+/// The least squares with 1,500 unknowns, by both solvers.
+fn many_unknowns() {
+    for (label, solver) in [("dense", Solver::Dense), ("iterative", Solver::Iterative)] {
+        let options = FitOptions {
+            band_limit: 14.4,
+            solver,
+            measure: false,
+            ..FitOptions::default()
+        };
+        let start = Instant::now();
+        match fit("struts", Element::Tet, &sphere_struts, &options, &Silent) {
+            Ok(cell) => {
+                let report = cell.report().cloned().unwrap_or_default();
+                println!(
+                    "least squares with {} unknowns, {label} ({}): {:.2} s (at most 5), rms {:.5}",
+                    report.degrees_of_freedom,
+                    report.solver,
+                    start.elapsed().as_secs_f64(),
+                    report.rms
+                );
+            }
+            Err(error) => println!("least squares, {label}: {error}"),
+        }
+    }
+}
+
+fn main() {
+    accuracy();
+    match Threads::new(1) {
+        Ok(one) => one.install(transform_fit),
+        Err(error) => println!("P15: {error}"),
+    }
+    many_unknowns();
+}
