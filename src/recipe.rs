@@ -29,6 +29,7 @@ mod check;
 mod error;
 mod file;
 mod fit;
+mod hybrid;
 mod op;
 mod output;
 mod quantity;
@@ -41,6 +42,7 @@ pub use cell::{Caps, CellSection, ElementName, Place as CellPlace, Solid};
 pub use error::{Place, RecipeError, RecipeFault};
 pub use file::{FileFrame, FileRef, Similarity, Up};
 pub use fit::{FitMethod, Solver, Symmetrise};
+pub use hybrid::{Hybrid, Share};
 pub use op::{
     Ball, Block, DropSmall, Flow, Iterations, Kernel, Op, Operand, Renormalise, Side, Skin,
 };

@@ -1,6 +1,6 @@
 //! Why a cell cannot be made, or a question about it has no answer.
 
-use crate::symmetry::SymmetryError;
+use crate::symmetry::{GroupTextError, SymmetryError};
 
 /// Why a cell cannot be made, or a question about it has no answer.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -8,6 +8,9 @@ pub enum CellError {
     /// The group, the lattice or an operator is wrong in itself.
     #[error(transparent)]
     Symmetry(#[from] SymmetryError),
+    /// Generators that are no group.
+    #[error("group: {0}")]
+    GroupText(#[from] GroupTextError),
     /// A coefficient that cannot stand in a series.
     #[error("coefficient {place} (k = {index}): {reason}")]
     Coefficient {

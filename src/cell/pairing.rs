@@ -2,7 +2,7 @@
 
 use super::{CellError, Form};
 use crate::frame::{Element, Mat3};
-use crate::symmetry::{Lattice, PointGroup};
+use crate::symmetry::{GroupText, Lattice, PointGroup};
 use nalgebra::SMatrix;
 
 /// Element, the named groups of its symmetries, and its lattices; the first of each is the default.
@@ -35,17 +35,23 @@ pub fn lattices(element: Element) -> &'static [&'static str] {
 }
 
 /// A group and a lattice for an element of dimension `D`, by name, ready for a series or a basis;
-/// `None` for the defaults.
+/// `None` for the defaults. A group without a name is given by its generators, one a line or divided
+/// by `;`, as [`GroupText`] reads them: "-x,-y,z; x,-y,-z".
 ///
 /// # Errors
 /// [`CellError::Unfitting`] for a group or lattice of another element or dimension,
-/// [`CellError::Symmetry`] for an unknown group.
+/// [`CellError::Symmetry`] for an unknown group, [`CellError::GroupText`] for generators of none.
 pub fn symmetry<const D: usize>(
     element: Element,
     group: Option<&str>,
     lattice: Option<&str>,
 ) -> Result<(PointGroup<D>, Lattice<D>), CellError> {
-    let name = lattice.unwrap_or(lattices(element)[0]);
+    let written = match group {
+        Some(text) if text.contains(',') => Some(GroupText::parse(&text.replace(';', "\n"))?),
+        _ => None,
+    };
+    let own = written.as_ref().and_then(|t| t.lattice.clone());
+    let name = lattice.or(own.as_deref()).unwrap_or(lattices(element)[0]);
     if element.dimension() != D {
         return Err(unfitting(
             element,
@@ -59,7 +65,13 @@ pub fn symmetry<const D: usize>(
         return Err(unfitting(element, "lattice", name.to_owned(), expected));
     }
     let lattice = Lattice::named(name)?;
-    let group = PointGroup::named(group.unwrap_or(default_group(element)), &lattice)?;
+    let group = match written {
+        None => PointGroup::named(group.unwrap_or(default_group(element)), &lattice)?,
+        Some(text) => {
+            let (group, home) = text.group("own", name)?;
+            group.on_lattice(&home, &lattice)?
+        }
+    };
     check_group(element, group.name(), &embedded(&group, &lattice))?;
     Ok((group, lattice))
 }

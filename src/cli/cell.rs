@@ -1,12 +1,14 @@
 //! `druse cell info` and `druse cell eval`.
 
 use super::{Answer, Failure, Session};
-use crate::cell::Cell;
+use crate::cell::{Cell, default_group, groups, lattices};
 use crate::field::Field;
-use crate::frame::{CellPoint, Element, Vec3};
+use crate::frame::{CellPoint, Element, Mat3, Vec3};
 use crate::io::atomic::write_bytes;
-use crate::io::read_cell;
-use crate::symmetry::{Basis, Lattice, PointGroup, SymmetryError};
+use crate::io::{Place, ReadError, read_cell};
+use crate::symmetry::{
+    Basis, GROUP_NAMES, GroupText, GroupTextError, Lattice, PointGroup, SymmetryError,
+};
 use clap::{Args, Subcommand};
 use serde_json::{Value, json};
 use std::fmt::Write;
@@ -25,10 +27,12 @@ enum What {
         /// The .cell file, or the name of a surface.
         #[arg(required_unless_present = "group")]
         cell: Option<PathBuf>,
-        /// A point group: D3, D4, Td, Oh.
-        #[arg(long, conflicts_with = "cell")]
+        /// A point group: D3, D4 in the plane; Td, Oh, D3h, C4v, D2h, D4h, T, Th, O, C3v, C1; or a file
+        /// with one generator a line, such as "x,-z,y" (and `name`, `lattice` and a word).
+        #[arg(long, conflicts_with = "cell", value_name = "NAME|FILE")]
         group: Option<String>,
-        /// The group's lattice: square, cubic, hex2 or fcc2 [default: that of its element].
+        /// The group's lattice: square, hex2, cubic, fcc2, fcc1, hexprism or tetragonal [default: that
+        /// of its element].
         #[arg(long, requires = "group")]
         lattice: Option<String>,
         /// List orbits of frequencies up to this many cycles per unit of length.
@@ -151,31 +155,79 @@ pub(super) fn describe(cell: &Cell) -> String {
 }
 
 fn group_info(name: &str, lattice: Option<&str>, radius: f64) -> Result<Answer, Failure> {
-    let element = Element::ALL
-        .into_iter()
-        .find(|e| crate::cell::default_group(*e) == name);
-    let default = element.map_or("cubic", |e| crate::cell::lattices(e)[0]);
-    let lattice = lattice.unwrap_or(default);
-    let failed = |e: SymmetryError| Failure::usage(e.to_string());
-    let planar = matches!(lattice, "square" | "hex2");
-    if planar {
-        list_group::<2>(name, lattice, radius).map_err(failed)
-    } else {
-        list_group::<3>(name, lattice, radius).map_err(failed)
+    let path = Path::new(name);
+    if !GROUP_NAMES.contains(&name) && path.is_file() {
+        return group_file(path, lattice, radius);
     }
+    // That of the element whose whole group it is, or of the first that has it.
+    let first = || {
+        Element::ALL
+            .into_iter()
+            .find(|e| groups(*e).contains(&name))
+    };
+    let whole = Element::ALL.into_iter().find(|e| default_group(*e) == name);
+    let own = match name {
+        "C1" => "cubic",
+        _ => whole.or_else(first).map_or("cubic", |e| lattices(e)[0]),
+    };
+    let lattice = lattice.unwrap_or(own);
+    let failed = |e: SymmetryError| Failure::usage(e.to_string());
+    if let Ok(plane) = Lattice::<2>::named(lattice) {
+        let group = PointGroup::named(name, &plane).map_err(failed)?;
+        return Ok(list_group(group, plane, radius));
+    }
+    let space = Lattice::<3>::named(lattice).map_err(failed)?;
+    let group = PointGroup::named(name, &space).map_err(failed)?;
+    Ok(list_group(group, space, radius))
 }
 
-fn list_group<const D: usize>(
-    name: &str,
-    lattice: &str,
-    radius: f64,
-) -> Result<Answer, SymmetryError> {
-    let lattice_name = lattice;
-    let lattice = Lattice::<D>::named(lattice)?;
-    let group = PointGroup::<D>::named(name, &lattice)?;
+/// A group from a file of generators.
+fn group_file(path: &Path, lattice: Option<&str>, radius: f64) -> Result<Answer, Failure> {
+    const LARGEST: u64 = 1 << 16;
+    let length = std::fs::metadata(path).map_or(0, |m| m.len());
+    if length > LARGEST {
+        return Err(Failure::data(
+            path,
+            format!("found {length} bytes; expected generators in at most {LARGEST}"),
+        ));
+    }
+    let text = std::fs::read_to_string(path).map_err(|e| ReadError::io(path, e))?;
+    let fault = |e: GroupTextError| {
+        let place = Place::Line(e.line as u64);
+        ReadError::data(
+            path,
+            place,
+            e.reason,
+            "generators such as x,-z,y, one a line",
+        )
+    };
+    let group = GroupText::parse(&text).map_err(fault)?;
+    let name = super::fit::stem(path);
+    if group.dimension == 2 {
+        let (group, own) = group
+            .group::<2>(&name, lattice.unwrap_or("square"))
+            .map_err(fault)?;
+        return Ok(list_group(group, own, radius));
+    }
+    let (group, own) = group
+        .group::<3>(&name, lattice.unwrap_or("cubic"))
+        .map_err(fault)?;
+    Ok(list_group(group, own, radius))
+}
+
+fn list_group<const D: usize>(group: PointGroup<D>, lattice: Lattice<D>, radius: f64) -> Answer {
+    let name = group.name().to_owned();
+    let lattice_name = lattice.name().unwrap_or("of its own");
+    let domain = group.frequency_domain(&lattice);
+    let elements: Vec<&str> = Element::ALL
+        .into_iter()
+        .filter(|e| e.dimension() == D && is_of(*e, &group, &lattice))
+        .map(Element::name)
+        .collect();
     let operators: Vec<String> = group.operators().iter().map(ToString::to_string).collect();
     let radius = radius.clamp(0.0, 16.0);
     let orbits = group.orbits(&lattice, radius);
+    let generators: Vec<String> = group.generators().iter().map(ToString::to_string).collect();
     let unknowns = Basis::new(group, lattice, radius).len();
     let mut text = format!(
         "{name}: {} operators on the lattice {lattice_name}\n",
@@ -184,6 +236,12 @@ fn list_group<const D: usize>(
     for operator in &operators {
         let _ = writeln!(text, "  {operator}");
     }
+    let _ = writeln!(
+        text,
+        "generated by {}\nkeeps: {}\nfrequency domain: {domain}",
+        generators.join("; "),
+        elements.join(", ")
+    );
     let _ = writeln!(
         text,
         "{} orbits of frequencies up to {radius}, {unknowns} degrees of freedom; one representative \
@@ -200,11 +258,25 @@ fn list_group<const D: usize>(
         "group": name,
         "lattice": lattice_name,
         "operators": operators,
+        "generators": generators,
+        "elements": elements,
+        "frequency_domain": domain,
         "band_limit": radius,
         "degrees_of_freedom": unknowns,
         "orbits": listed,
     });
-    Ok(Answer::new(text, facts))
+    Answer::new(text, facts)
+}
+
+/// Whether every operator of a group keeps an element.
+fn is_of<const D: usize>(element: Element, group: &PointGroup<D>, lattice: &Lattice<D>) -> bool {
+    group.cartesian(lattice).iter().all(|q| {
+        let in_space = Mat3::from_fn(|i, j| match (i < D, j < D) {
+            (true, true) => q[(i, j)],
+            _ => f64::from(u8::from(i == j)),
+        });
+        element.is_kept_by(&in_space)
+    })
 }
 
 fn eval(cell: &Cell, points: &Path, output: Option<&Path>) -> Result<Answer, Failure> {

@@ -50,11 +50,32 @@ fn make(
     threads: &Threads,
     session: &Session,
 ) -> Result<(Cell, Vec<Warning>), Failure> {
-    let (section, element) = section(&p.input, &p.cell)?;
     let name = stem(&p.output);
     let vdb = crate::vdb::Session::new(threads, session);
-    let made = pipeline::make_cell(&name, &section, element, vdb);
-    made.map_err(|e| of_input(e, &p.input))
+    let one = |input: &Path, flags: &CellSection| {
+        let (section, element) = section(input, flags)?;
+        let made = pipeline::make_cell(&name, &section, element, vdb);
+        made.map_err(|e| of_input(e, input))
+    };
+    let Some(hybrid) = p.cell.hybrid() else {
+        return one(&p.input, &p.cell);
+    };
+    let mut flags = p.cell.without_hybrid();
+    let (first, mut warnings) = one(&p.input, &flags)?;
+    // The others are made for the element of the first.
+    flags.element = Some(first.element().into());
+    let mut cells = vec![first];
+    for part in hybrid.parts() {
+        let (cell, more) = one(Path::new(part), &flags)?;
+        let stem = stem(Path::new(part));
+        cells.push(cell.named(&stem));
+        warnings.extend(more);
+    }
+    let failed = |e: String| Failure::data(&p.input, e);
+    let cell = hybrid.after("input").make(&name, &cells);
+    let cell = cell.map_err(|e| failed(e.to_string()))?;
+    let cell = pipeline::levelled(cell, &p.cell).map_err(|e| failed(e.to_string()))?;
+    Ok((cell, warnings))
 }
 
 /// The section that an input and flags make together, and the element that they mean.

@@ -34,6 +34,22 @@ pub(super) fn make(
     }
     let name = key.rsplit('.').next().unwrap_or(key);
     let recipe = inputs.recipe;
+    if let Some(hybrid) = section.hybrid() {
+        // The recipe's check has made sure that every part exists and none contains itself.
+        let mut parts = Vec::new();
+        for part in hybrid.parts() {
+            let own = &recipe.sections().cell[part];
+            parts.push(make(
+                inputs,
+                &format!("cell.{part}"),
+                own,
+                element,
+                session,
+            )?);
+        }
+        let cell = hybrid.make(name, &parts).map_err(|e| fail(e.into()))?;
+        return levelled(cell, section).map_err(fail);
+    }
     let reader = Reader {
         resolve: &|path| recipe.resolve(path),
         session,

@@ -2,6 +2,7 @@
 
 use super::file::{FileRef, Similarity};
 use super::fit::{FitMethod, Solver, Symmetrise};
+use super::hybrid::Share;
 use super::quantity::{Finite, Fraction, Positive};
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::Deserialize;
@@ -12,7 +13,7 @@ use std::fmt;
 use std::str::FromStr;
 
 /// One unit cell of the palette. Exactly one of `mesh`, `points`, `voxels`, `surface`, `formula`, `graph`,
-/// `plates` and `file` is its source; at most one of `level`, `volume_fraction` and `thickness` sets its level.
+/// `plates`, `file`, `average`, `union`, `intersection` and `difference` is its source; at most one of `level`, `volume_fraction` and `thickness` sets its level.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
 #[cfg_attr(feature = "cli", derive(clap::Args))]
 #[serde(deny_unknown_fields, default)]
@@ -45,6 +46,23 @@ pub struct CellSection {
     /// A saved `.cell` file.
     #[cfg_attr(feature = "cli", arg(skip))]
     pub file: Option<FileRef>,
+    /// The weighted average of other cells of the palette: [{ cell = "a", weight = 1 }, ...], each
+    /// divided by its mean slope first. Their bands, groups and lattices may differ. As a flag CELL=WEIGHT,
+    /// of .cell files or surfaces, averaged with the input (whose weight is 1).
+    #[cfg_attr(feature = "cli", arg(long, value_name = "CELL=WEIGHT"))]
+    pub average: Option<Vec<Share>>,
+    /// The union of other cells of the palette by name; as a flag of the input and .cell files or surfaces.
+    #[cfg_attr(feature = "cli", arg(long, value_name = "CELL"))]
+    pub union: Option<Vec<String>>,
+    /// The intersection of other cells.
+    #[cfg_attr(feature = "cli", arg(long, value_name = "CELL"))]
+    pub intersection: Option<Vec<String>>,
+    /// The first of other cells without the rest; as a flag the input without them.
+    #[cfg_attr(feature = "cli", arg(long, value_name = "CELL"))]
+    pub difference: Option<Vec<String>>,
+    /// Radius that rounds the edges of a union, intersection or difference, in reference lengths.
+    #[cfg_attr(feature = "cli", arg(long, value_name = "RADIUS"))]
+    pub smooth: Option<Positive>,
 
     /// Radius of the struts of a graph, in reference lengths [default: 0.1, or the file's own].
     #[cfg_attr(feature = "cli", arg(long))]
@@ -176,6 +194,20 @@ impl From<ElementName> for crate::frame::Element {
     }
 }
 
+impl From<crate::frame::Element> for ElementName {
+    fn from(element: crate::frame::Element) -> Self {
+        use crate::frame::Element;
+        match element {
+            Element::Tri => Self::Tri,
+            Element::Quad => Self::Quad,
+            Element::Tet => Self::Tet,
+            Element::Hex => Self::Hex,
+            Element::Wedge => Self::Wedge,
+            Element::Pyramid => Self::Pyramid,
+        }
+    }
+}
+
 /// Where a source stands in the reference coordinates of its element.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub enum Place {
@@ -281,6 +313,10 @@ impl CellSection {
             ("graph", self.graph.is_some()),
             ("plates", self.plates.is_some()),
             ("file", self.file.is_some()),
+            ("average", self.average.is_some()),
+            ("union", self.union.is_some()),
+            ("intersection", self.intersection.is_some()),
+            ("difference", self.difference.is_some()),
         ];
         given.iter().filter(|g| g.1).map(|g| g.0).collect()
     }

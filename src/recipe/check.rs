@@ -44,7 +44,7 @@ fn cells(sections: &Sections, source: &Source) -> Checked {
                 &key,
                 format!(
                     "{key} needs exactly one source of mesh, points, voxels, surface, formula, graph, \
-                     plates, file; found {found}"
+                     plates, file, average, union, intersection, difference; found {found}"
                 ),
             ));
         }
@@ -64,7 +64,10 @@ fn cells(sections: &Sections, source: &Source) -> Checked {
             ));
         }
     }
-    Ok(())
+    super::hybrid::check(&sections.cell).map_err(|(name, reason)| {
+        let key = format!("cell.{name}");
+        source.fault(&key, format!("{key}: {reason}"))
+    })
 }
 
 /// What says something about struts or plates, or is read as a formula.

@@ -1,5 +1,7 @@
 //! The program as its users meet it: exit codes, what goes to stdout and stderr, bad input, signals.
 
+mod hybrid;
+
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
