@@ -96,7 +96,8 @@ impl Recipe {
     /// # Errors
     /// [`RecipeError`]: the file is missing, unreadable or no valid recipe.
     pub fn read(path: &Path, overrides: &[String]) -> Result<Self, RecipeError> {
-        let text = std::fs::read_to_string(path).map_err(|e| RecipeError::io(path, &e))?;
+        let bytes = std::fs::read(path).map_err(|e| RecipeError::io(path, &e))?;
+        let text = String::from_utf8(bytes).map_err(|e| RecipeError::not_text(path, &e))?;
         Self::load(Source::new(Some(path), text, overrides))
     }
 

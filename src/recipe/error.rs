@@ -95,6 +95,28 @@ impl RecipeError {
         }
     }
 
+    /// Bytes that are no text: where the first one stands.
+    pub(super) fn not_text(path: &Path, error: &std::string::FromUtf8Error) -> Self {
+        let (before, after) = error.as_bytes().split_at(error.utf8_error().valid_up_to());
+        let start = before
+            .iter()
+            .rposition(|&b| b == b'\n')
+            .map_or(0, |n| n + 1);
+        let text = String::from_utf8_lossy(&before[start..]).into_owned();
+        let found = after.first().copied().unwrap_or_default();
+        Self {
+            place: Some(Place::Line {
+                line: before.iter().filter(|&&b| b == b'\n').count() + 1,
+                column: text.chars().count() + 1,
+                text,
+            }),
+            ..Self::invalid(
+                Some(path),
+                format!("found the byte {found:#04x}, which is no UTF-8; expected a text"),
+            )
+        }
+    }
+
     /// Translates an error of the TOML reader: its place, and the nearest known word.
     pub(super) fn toml(source: &Source, error: &toml::de::Error) -> Self {
         let mut message = error.message().trim_end().replace('\n', "; ");

@@ -46,11 +46,11 @@ impl Source {
         text
     }
 
-    /// The directory that relative paths start from.
+    /// The directory that relative paths start from; empty for the working directory.
     pub fn directory(&self) -> &Path {
         match self.path.as_deref().and_then(Path::parent) {
-            Some(dir) if dir != Path::new("") => dir,
-            _ => Path::new("."),
+            Some(directory) => directory,
+            None => Path::new(""),
         }
     }
 

@@ -1,7 +1,8 @@
 //! Damaged files of every format: no panic, no hang, no runaway memory, one clear error.
 //!
 //! A format is one row of [`formats`]. Each is read in a child process of its own, which is this test
-//! again with `DRUSE_MALFORMED` set: there peak memory is that of the reader alone.
+//! again with `DRUSE_MALFORMED` set: there peak memory is that of the reader alone. `.vdb` files are
+//! read by the program, which looks at them in a child of its own.
 
 use druse::frame::{LengthUnit, Vec3};
 use druse::io::{
@@ -9,6 +10,7 @@ use druse::io::{
     read_skeleton, write_mesh,
 };
 use druse::mesh::TriMesh;
+use druse::recipe::{Recipe, RecipeError, RecipeFault};
 use std::fs;
 use std::io::{Read, Write};
 use std::path::Path;
@@ -16,21 +18,55 @@ use std::process::Command;
 use std::sync::mpsc;
 use std::time::Duration;
 
+mod damage;
+
+use damage::{Dice, damage};
+
 /// A format: its name, the extension of its files, good files, and who reads them.
 struct Format {
     name: &'static str,
     extension: &'static str,
     seeds: Vec<Vec<u8>>,
-    read: fn(&Path) -> Result<(), ReadError>,
+    read: fn(&Path) -> Result<(), Refusal>,
 }
 
-/// Longest time that one file may take.
-const PATIENCE: Duration = Duration::from_secs(10);
+/// Why a file was not read, and whether a user can do something with the answer.
+struct Refusal {
+    text: String,
+    clear: bool,
+}
+
+impl From<ReadError> for Refusal {
+    fn from(error: ReadError) -> Self {
+        let text = error.to_string();
+        let first = text.lines().next().unwrap_or_default();
+        let clear = first.contains(": found ") && first.contains("; expected ");
+        Self {
+            clear: clear && error.class() == ErrorClass::Data,
+            text,
+        }
+    }
+}
+
+impl From<RecipeError> for Refusal {
+    fn from(error: RecipeError) -> Self {
+        let file = error.file.as_ref().map(|f| f.display().to_string());
+        // Faults of the whole have no place: no version, no section that every recipe has.
+        let whole = error.message.contains("missing field") || error.message.contains("no solid");
+        Self {
+            text: format!("{}: {error}", file.unwrap_or_default()),
+            clear: error.fault == RecipeFault::Invalid && (error.place.is_some() || whole),
+        }
+    }
+}
+
+/// Longest time that one file may take; the program looks twice, and ends its child after 10 s.
+const PATIENCE: Duration = Duration::from_secs(25);
 /// Most memory that reading small files may ever have taken, in KiB.
 const MEMORY: u64 = 256 << 10;
 
-fn mesh(path: &Path) -> Result<(), ReadError> {
-    read_mesh(path).map(|_| ())
+fn mesh(path: &Path) -> Result<(), Refusal> {
+    Ok(read_mesh(path).map(drop)?)
 }
 
 /// A small ball as our own writer writes it.
@@ -78,8 +114,8 @@ fn text_ply() -> Vec<u8> {
     out
 }
 
-fn cell(path: &Path) -> Result<(), ReadError> {
-    read_cell(path).map(|_| ())
+fn cell(path: &Path) -> Result<(), Refusal> {
+    Ok(read_cell(path).map(drop)?)
 }
 
 /// Closed forms of both elements, as our own writer writes them.
@@ -93,8 +129,79 @@ fn cells() -> Vec<Vec<u8>> {
     .to_vec()
 }
 
-fn scaffold(path: &Path) -> Result<(), ReadError> {
-    read_scaffold(path).map(|_| ())
+fn scaffold(path: &Path) -> Result<(), Refusal> {
+    Ok(read_scaffold(path).map(drop)?)
+}
+
+fn recipe(path: &Path) -> Result<(), Refusal> {
+    Ok(Recipe::read(path, &[]).map(drop)?)
+}
+
+/// Recipes that are shipped.
+fn recipes() -> Vec<Vec<u8>> {
+    let examples = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples");
+    ["bracket/bracket.toml", "schwarz_block.toml"]
+        .map(|name| fs::read(examples.join(name)).unwrap())
+        .to_vec()
+}
+
+/// Level sets of a ball, in every compression, and one with its fog.
+#[cfg(all(feature = "vdb", feature = "cli"))]
+fn level_sets() -> Vec<Vec<u8>> {
+    use druse::frame::Transform;
+    use druse::progress::{Silent, Threads};
+    use druse::vdb::{Compression, LevelSet, Session, VdbWriter};
+    let threads = Threads::new(1).unwrap();
+    let session = Session::new(&threads, &Silent);
+    let ball = TriMesh::ball(Vec3::new(0.1, 0.2, 0.3), 4.0, 3);
+    let solid = LevelSet::from_mesh(&ball, Transform::new(0.5).unwrap(), 3.0, session).unwrap();
+    let fog = solid.to_fog(session).unwrap();
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("ball.vdb");
+    [
+        (Compression::None, false),
+        (Compression::Zip, true),
+        (Compression::Blosc, false),
+    ]
+    .map(|(compression, foggy)| {
+        let mut file = VdbWriter::new(&path, session)
+            .unwrap()
+            .compression(compression);
+        file.level_set("surface", &solid).unwrap();
+        if foggy {
+            file.fog("density", &fog, true).unwrap();
+        }
+        file.write().unwrap();
+        fs::read(&path).unwrap()
+    })
+    .to_vec()
+}
+
+/// What `druse info` and `druse check` make of it: whatever happens to the child that reads the file,
+/// the program answers.
+#[cfg(all(feature = "vdb", feature = "cli"))]
+fn level_set(path: &Path) -> Result<(), Refusal> {
+    for command in ["info", "check"] {
+        let output = Command::new(env!("CARGO_BIN_EXE_druse"))
+            .args([command, "--color=never"])
+            .arg(path)
+            .output()
+            .unwrap();
+        let text = String::from_utf8_lossy(&output.stderr).into_owned();
+        match output.status.code() {
+            Some(0) if text.is_empty() => {}
+            // Read, but no sound level set.
+            Some(1) if command == "check" && text.is_empty() => {}
+            code => {
+                let one = text.starts_with("error: ") && text.matches("error: ").count() == 1;
+                return Err(Refusal {
+                    clear: code == Some(65) && one && output.stdout.is_empty(),
+                    text: text.replace("\n  --> ", " --> "),
+                });
+            }
+        }
+    }
+    Ok(())
 }
 
 /// Files of the scaffolds' test data.
@@ -160,7 +267,7 @@ const GRAPH_JSON: &[u8] =
     "edges": [[0, 1], [0, 2]], "faces": [[0, 1, 2]], "thickness": 0.05}"#;
 
 /// Damage done to the XML within a 3MF rather than to the archive, whose checksum would notice.
-fn threemf_model(path: &Path) -> Result<(), ReadError> {
+fn threemf_model(path: &Path) -> Result<(), Refusal> {
     let model = fs::read(path).unwrap();
     let mut zip = zip::ZipWriter::new(fs::File::create(path).unwrap());
     let options = zip::write::SimpleFileOptions::default();
@@ -186,7 +293,11 @@ fn formats() -> Vec<Format> {
         seeds,
         read,
     };
-    vec![
+    #[cfg(not(all(feature = "vdb", feature = "cli")))]
+    let program = [];
+    #[cfg(all(feature = "vdb", feature = "cli"))]
+    let program = [row("vdb", "vdb", level_sets(), level_set)];
+    let library = [
         row("stl text", "stl", vec![text_stl()], mesh),
         row("stl binary", "stl", vec![written("stl")], mesh),
         row("ply text", "ply", vec![text_ply()], mesh),
@@ -252,119 +363,9 @@ fn formats() -> Vec<Format> {
             stored(&["hex8_appended_raw.vtu", "hex8_appended_base64.vtu"]),
             scaffold,
         ),
-    ]
-}
-
-/// A small generator of numbers, the same on every machine.
-struct Dice(u64);
-
-impl Dice {
-    fn below(&mut self, n: usize) -> usize {
-        self.0 = self
-            .0
-            .wrapping_mul(6364136223846793005)
-            .wrapping_add(1442695040888963407);
-        ((self.0 >> 33) as usize) % n.max(1)
-    }
-
-    fn of<'a, T>(&mut self, list: &'a [T]) -> &'a T {
-        &list[self.below(list.len())]
-    }
-}
-
-const NUMBERS: [&str; 12] = [
-    "nan",
-    "inf",
-    "-1",
-    "0",
-    "1e999",
-    "-1e-999",
-    "4294967295",
-    "4294967296",
-    "18446744073709551615",
-    "99999999999999999999999",
-    "0x10",
-    "",
-];
-const GARBAGE: [&[u8]; 6] = [
-    b"\0\0\0\0",
-    b"\xff\xff\xff\xff",
-    b"\n\n\n",
-    b"<a b='",
-    b"-",
-    b"\xc3\x28 garbage ",
-];
-
-/// One of ten kinds of damage, by the dice; `other` is a good file to splice from.
-fn damage(bytes: &mut Vec<u8>, other: &[u8], dice: &mut Dice) {
-    let length = bytes.len();
-    let at = dice.below(length);
-    match dice.below(10) {
-        0 => bytes.truncate(at),
-        1 => bytes[at] ^= 1 << dice.below(8),
-        2 => {
-            for _ in 0..=dice.below(16) {
-                let at = dice.below(length);
-                bytes[at] = dice.below(256) as u8;
-            }
-        }
-        3 => lines(bytes, dice, |lines, i, _| drop(lines.remove(i))),
-        4 => lines(bytes, dice, |lines, i, _| lines.insert(i, lines[i].clone())),
-        5 => lines(bytes, dice, |lines, i, j| lines.swap(i, j)),
-        6 => number(bytes, dice),
-        7 => {
-            let garbage = *dice.of(&GARBAGE);
-            bytes.splice(at..at, garbage.iter().copied());
-        }
-        8 => {
-            // A word of four or eight bytes replaced by an extreme one.
-            let word = *dice.of(&[
-                [0u8; 8],
-                [0xff; 8],
-                [0xff, 0xff, 0xff, 0x7f, 0, 0, 0, 0],
-                [0, 0, 0, 0x80, 0, 0, 0, 0x80],
-            ]);
-            let end = (at + *dice.of(&[4, 8])).min(length);
-            bytes[at..end].copy_from_slice(&word[..end - at]);
-        }
-        _ => {
-            let from = dice.below(other.len());
-            let end = (from + dice.below(64)).min(other.len());
-            bytes.splice(at..at, other[from..end].iter().copied());
-        }
-    }
-}
-
-fn lines(bytes: &mut Vec<u8>, dice: &mut Dice, change: impl Fn(&mut Vec<Vec<u8>>, usize, usize)) {
-    let mut lines: Vec<Vec<u8>> = bytes
-        .split_inclusive(|&b| b == b'\n')
-        .map(<[u8]>::to_vec)
-        .collect();
-    let (i, j) = (dice.below(lines.len()), dice.below(lines.len()));
-    change(&mut lines, i, j);
-    *bytes = lines.concat();
-}
-
-/// Replaces a number of a text by a strange one.
-fn number(bytes: &mut Vec<u8>, dice: &mut Dice) {
-    let is_part = |b: u8| b.is_ascii_digit() || b == b'.' || b == b'-';
-    let starts: Vec<usize> = (0..bytes.len())
-        .filter(|&i| is_part(bytes[i]) && (i == 0 || !is_part(bytes[i - 1])))
-        .collect();
-    if starts.is_empty() {
-        return;
-    }
-    // Often one of the first: counts stand in headers.
-    let near = dice.below(2) == 0;
-    let start = starts[dice.below(if near {
-        starts.len().min(12)
-    } else {
-        starts.len()
-    })];
-    let end = (start..bytes.len())
-        .find(|&i| !is_part(bytes[i]))
-        .unwrap_or(bytes.len());
-    bytes.splice(start..end, dice.of(&NUMBERS).bytes());
+        row("recipe", "toml", recipes(), recipe),
+    ];
+    library.into_iter().chain(program).collect()
 }
 
 /// Peak memory of this process in KiB.
@@ -379,23 +380,21 @@ fn peak() -> u64 {
 }
 
 /// Reads one damaged file; says what went wrong, or whether it was accepted.
-fn judge(path: &Path, read: fn(&Path) -> Result<(), ReadError>) -> Result<bool, String> {
+fn judge(path: &Path, read: fn(&Path) -> Result<(), Refusal>) -> Result<bool, String> {
     let (send, receive) = mpsc::channel();
     let to_read = path.to_owned();
     std::thread::spawn(move || {
         let _ = send.send(std::panic::catch_unwind(|| read(&to_read)));
     });
-    let error = match receive.recv_timeout(PATIENCE) {
-        Err(_) => return Err("no answer within 10 s".into()),
+    let Refusal { text, clear } = match receive.recv_timeout(PATIENCE) {
+        Err(_) => return Err(format!("no answer within {PATIENCE:?}")),
         Ok(Err(_)) => return Err("a panic".into()),
         Ok(Ok(Ok(()))) => return Ok(true),
-        Ok(Ok(Err(error))) => error,
+        Ok(Ok(Err(refusal))) => refusal,
     };
-    let text = error.to_string();
     let first = text.lines().next().unwrap_or_default();
     let named = first.contains(path.file_name().unwrap().to_str().unwrap());
-    let clear = first.contains(": found ") && first.contains("; expected ") && text.len() < 1000;
-    if !named || !clear || text.lines().count() > 2 || error.class() != ErrorClass::Data {
+    if !named || !clear || text.len() >= 1000 || text.lines().count() > 2 {
         return Err(format!("an unclear error: {text}"));
     }
     Ok(false)
@@ -409,7 +408,7 @@ fn read_damaged(format: &Format, cases: usize) {
             .path()
             .join(format!("good{i}.{}", format.extension));
         fs::write(&path, seed).unwrap();
-        (format.read)(&path).unwrap_or_else(|e| panic!("the good file {i}: {e}"));
+        (format.read)(&path).unwrap_or_else(|e| panic!("the good file {i}: {}", e.text));
     }
     let before = peak();
     let mut accepted = 0;

@@ -5,16 +5,18 @@ use druse::field::{BoxSolid, Complement, Field, Intersection, Sphere, Union, Wor
 use druse::frame::{Aabb, Coord, Transform, Vec3, WorldPoint};
 use druse::mesh::TriMesh;
 use druse::progress::{Progress, Silent, Threads};
-use druse::vdb::{self, LevelSet, LevelSetBuilder, Scheme, Session, VdbError, VdbWriter};
+use druse::vdb::{LevelSet, LevelSetBuilder, Session};
 use std::collections::HashMap;
 use std::f64::consts::PI;
 use std::sync::LazyLock;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::{Duration, Instant};
 
+mod figures;
 mod files;
+mod operations;
 mod pictures;
 mod pieces;
+mod stopping;
 
 static THREADS: LazyLock<Threads> = LazyLock::new(|| Threads::new(2).expect("two threads"));
 
@@ -80,8 +82,6 @@ fn ball(radius: f64) -> f64 {
 fn volume(level_set: &LevelSet) -> f64 {
     level_set.volume(session()).unwrap()
 }
-
-type Op = fn(&mut LevelSet, Session<'_>) -> Result<(), VdbError>;
 
 /// Cancelled from the start, or from the moment somebody says so.
 struct Stop(AtomicBool);
@@ -230,210 +230,6 @@ fn bad_leaves_are_errors() {
 }
 
 #[test]
-fn dilate_grows_and_erode_shrinks_by_a_distance() {
-    for scheme in [Scheme::First, Scheme::Weno5] {
-        let session = session().with_scheme(scheme);
-        for (change, radius) in [(2.0, 12.0), (-2.0, 8.0), (5.0, 15.0)] {
-            let mut s = sphere(10.0, 0.5);
-            if change > 0.0 {
-                s.dilate(change, session).unwrap();
-            } else {
-                s.erode(-change, session).unwrap();
-            }
-            let found = (volume(&s) / ball(1.0)).cbrt();
-            assert!((found - radius).abs() < 0.1, "{change} {scheme:?}: {found}");
-            assert_eq!(s.half_width(), 3.0);
-            let check = s.check(session).unwrap();
-            assert!(check.passed(), "{:?}", check.problems());
-        }
-    }
-    let mut s = sphere(3.0, 0.5);
-    for distance in [-1.0, f64::NAN, f64::INFINITY] {
-        let error = s.dilate(distance, session()).unwrap_err();
-        assert!(matches!(error, VdbError::Parameter { .. }), "{error}");
-    }
-    assert!(s.active_voxels().unwrap() > 0, "refused, not emptied");
-}
-
-#[test]
-fn open_removes_thin_and_close_fills_narrow() {
-    let ball = Sphere {
-        centre: Vec3::zeros(),
-        radius: 8.0,
-    };
-    let rod = BoxSolid(Aabb {
-        min: Vec3::new(0.0, -1.0, -1.0),
-        max: Vec3::new(14.0, 1.0, 1.0),
-    });
-    let inside =
-        |s: &LevelSet, x: f64| s.samples(&[WorldPoint(Vec3::new(x, 0.0, 0.0))]).unwrap()[0] < 0.0;
-    let mut s = level_set(&union(ball, rod), cube(15.0), 0.5);
-    assert!(inside(&s, 12.0));
-    s.open(2.0, session()).unwrap();
-    assert!(inside(&s, 6.5) && !inside(&s, 12.0));
-    // Two cubes with a slot of 2 between them.
-    let halves = union(
-        BoxSolid(Aabb {
-            min: Vec3::new(-8.0, -6.0, -6.0),
-            max: Vec3::new(-1.0, 6.0, 6.0),
-        }),
-        BoxSolid(Aabb {
-            min: Vec3::new(1.0, -6.0, -6.0),
-            max: Vec3::new(8.0, 6.0, 6.0),
-        }),
-    );
-    let mut s = level_set(&halves, cube(9.0), 0.5);
-    assert!(!inside(&s, 0.0));
-    s.close(2.0, session()).unwrap();
-    assert!(inside(&s, 0.0) && !inside(&s, 9.0));
-}
-
-#[test]
-fn booleans_have_the_volumes_of_lenses() {
-    let centre = Vec3::new(8.0, 0.0, 0.0);
-    let pair = || (sphere(10.0, 0.5), sphere_at(centre, 10.0, 0.5));
-    // Two spheres of radius r at distance d share pi (4 r + d) (2 r - d)^2 / 12.
-    let lens = PI * (40.0 + 8.0) * 12f64.powi(2) / 12.0;
-    for (which, expected) in [
-        (0, 2.0 * ball(10.0) - lens),
-        (1, lens),
-        (2, ball(10.0) - lens),
-    ] {
-        let (mut a, b) = pair();
-        match which {
-            0 => a.union(b, session()).unwrap(),
-            1 => a.intersect(b, session()).unwrap(),
-            _ => a.subtract(b, session()).unwrap(),
-        }
-        let mesh = a.to_mesh(session()).unwrap();
-        assert!((mesh.volume() / expected - 1.0).abs() < 0.01, "{which}");
-        let check = a.check(session()).unwrap();
-        assert!(check.passed(), "{which} {:?}", check.problems());
-    }
-}
-
-#[test]
-fn booleans_of_different_voxels_are_refused() {
-    let mut a = sphere(5.0, 0.5);
-    let error = a.union(sphere(5.0, 0.25), session()).unwrap_err();
-    assert!(
-        error.to_string().contains("voxel size: 0.5 and 0.25"),
-        "{error}"
-    );
-    let empty = LevelSet::empty(a.transform(), 4.0, session()).unwrap();
-    assert!(a.union(empty, session()).is_err());
-    assert!(a.active_voxels().unwrap() > 0);
-}
-
-#[test]
-fn filters_smooth_and_keep_the_volume() {
-    let block = BoxSolid(cube(6.0));
-    let exact = 12f64.powi(3);
-    let ops: [(&str, Op); 5] = [
-        ("gaussian", |s, c| s.gaussian(1, 2, c)),
-        ("mean", |s, c| s.mean(1, 2, c)),
-        ("median", |s, c| s.median(2, 2, c)),
-        ("laplacian", |s, c| s.laplacian(6, c)),
-        ("curvature", |s, c| s.curvature(6, c)),
-    ];
-    let sharp = level_set(&block, cube(7.0), 0.4);
-    let mesh_area = |s: &LevelSet| s.to_mesh(session()).unwrap().area();
-    let before = mesh_area(&sharp);
-    for (name, op) in ops {
-        let mut s = sharp.duplicate().unwrap();
-        op(&mut s, session()).unwrap();
-        let check = s.check(session()).unwrap();
-        assert!(check.passed(), "{name}: {:?}", check.problems());
-        let after = mesh_area(&s);
-        assert!(after < before * 0.995, "{name}: area {before} -> {after}");
-        let volume = s.to_mesh(session()).unwrap().volume();
-        assert!((volume / exact - 1.0).abs() < 0.1, "{name}: {volume}");
-    }
-    let mut s = sharp;
-    assert!(s.gaussian(0, 1, session()).is_err());
-    s.renormalise(6, session()).unwrap();
-    let volume = s.to_mesh(session()).unwrap().volume();
-    assert!((volume / exact - 1.0).abs() < 0.01, "{volume}");
-}
-
-#[test]
-fn curvature_flow_shrinks_a_sphere_by_its_law() {
-    // dr/dt = -mean curvature = -1/r for OpenVDB's step of h^2 / 3.
-    let mut s = sphere(10.0, 0.5);
-    s.curvature(60, session().with_scheme(Scheme::Weno5))
-        .unwrap();
-    let found = (volume(&s) / ball(1.0)).cbrt();
-    let time: f64 = 60.0 * 0.25 / 3.0;
-    let expected = (100.0 - 2.0 * time).sqrt();
-    assert!((found - expected).abs() < 0.1, "{found} {expected}");
-}
-
-#[test]
-fn stopping_ends_a_filter_within_two_seconds() {
-    // Half a minute of work.
-    let mut s = sphere(50.0, 0.25);
-    let stop = Stop(AtomicBool::new(false));
-    let (asked, ended) = std::thread::scope(|scope| {
-        let asked = scope.spawn(|| {
-            std::thread::sleep(Duration::from_millis(300));
-            stop.0.store(true, Ordering::Relaxed);
-            Instant::now()
-        });
-        let result = s.gaussian(2, 20, Session::new(&THREADS, &stop));
-        assert!(matches!(result, Err(VdbError::Cancelled(_))), "{result:?}");
-        (asked.join().unwrap(), Instant::now())
-    });
-    let late = ended.saturating_duration_since(asked);
-    assert!(late < Duration::from_secs(2), "{late:?}");
-    // Empty, not half-done; and OpenVDB's next loop runs as if nothing had happened.
-    assert_eq!(s.active_voxels().unwrap(), 0);
-    let mut other = sphere(10.0, 0.5);
-    other.dilate(1.0, session()).unwrap();
-    let found = (volume(&other) / ball(1.0)).cbrt();
-    assert!((found - 11.0).abs() < 0.1, "{found}");
-}
-
-#[test]
-fn every_long_call_listens() {
-    let stop = Stop(AtomicBool::new(true));
-    let stopped = Session::new(&THREADS, &stop);
-    let s = sphere(10.0, 0.5);
-    let cancelled = |r: Result<(), VdbError>| matches!(r, Err(VdbError::Cancelled(_)));
-    let on_copy = |op: &dyn Fn(&mut LevelSet) -> Result<(), VdbError>| {
-        cancelled(op(&mut s.duplicate().unwrap()))
-    };
-    assert!(on_copy(&|s| s.dilate(3.0, stopped)));
-    assert!(on_copy(&|s| s.mean(1, 1, stopped)));
-    assert!(on_copy(&|s| s.renormalise(3, stopped)));
-    assert!(on_copy(&|s| s.keep_largest(stopped).map(drop)));
-    assert!(cancelled(s.to_mesh(stopped).map(drop)));
-    assert!(cancelled(s.picture(100, 80, None, stopped).map(drop)));
-    assert!(cancelled(s.check(stopped).map(drop)));
-    let mesh = s.to_mesh(session()).unwrap();
-    let from_mesh = LevelSet::from_mesh(&mesh, s.transform(), 3.0, stopped);
-    assert!(cancelled(from_mesh.map(drop)));
-    assert!(s.active_voxels().unwrap() > 0);
-}
-
-#[test]
-fn a_panic_in_the_callback_is_a_wish_to_stop() {
-    struct Panics;
-    impl Progress for Panics {
-        fn stage(&self, _: &str, _: Option<u64>) {}
-        fn advance(&self, _: u64) {}
-        fn cancelled(&self) -> bool {
-            std::panic::panic_any("not from here into C++")
-        }
-    }
-    let mut s = sphere(6.0, 0.5);
-    let result = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
-        s.dilate(1.0, Session::new(&THREADS, &Panics))
-    }));
-    // The panic does not cross C++; asked again on this side, it may surface.
-    assert!(result.is_err() || result.is_ok_and(|r| r.is_err()));
-}
-
-#[test]
 fn meshes_become_the_level_set_they_came_from() {
     let s = sphere(10.0, 0.5);
     let mesh = s.to_mesh(session()).unwrap();
@@ -566,61 +362,4 @@ fn one_thread_and_two_make_the_same() {
     assert_eq!((&a.0, &a.1, a.3), (&b.0, &b.1, b.3));
     assert_eq!(a.2, b.2);
     assert_ne!(a.0, a.1);
-}
-
-/// Seconds of each operation on a block of touching balls, some 5 million voxels, for the table of figures.
-#[test]
-fn figures() {
-    if std::env::var_os("DRUSE_FULL").is_none() {
-        return;
-    }
-    let balls = (0..216).map(|n: i32| {
-        let centre = [n / 36, n / 6 % 6, n % 6].map(|c| f64::from(c) * 9.0);
-        Box::new(Sphere {
-            centre: Vec3::from(centre),
-            radius: 5.0,
-        }) as Box<WorldField<'static>>
-    });
-    let field = Union(balls.collect());
-    let extent = Aabb {
-        min: Vec3::repeat(-5.0),
-        max: Vec3::repeat(50.0),
-    };
-    let mut s = level_set(&field, extent, 0.25);
-    let voxels = s.active_voxels().unwrap() as f64;
-    println!("figure: vdb active voxels | {voxels} | -");
-    let timed = |name: &str, work: &mut dyn FnMut()| {
-        let start = Instant::now();
-        work();
-        let ns = start.elapsed().as_secs_f64() * 1e9 / voxels;
-        println!("figure: vdb {name} | {ns:.1} ns/voxel | -");
-    };
-    let dir = tempfile::tempdir().unwrap();
-    let path = dir.path().join("s.vdb");
-    timed("hash", &mut || _ = s.content_hash("surface").unwrap());
-    timed("bounds", &mut || _ = s.bounds().unwrap());
-    timed("facts", &mut || _ = s.info().unwrap());
-    timed("components", &mut || _ = s.components(session()).unwrap());
-    timed("voids", &mut || _ = s.voids(session()).unwrap());
-    timed("check", &mut || _ = s.check(session()).unwrap());
-    timed("volume", &mut || _ = volume(&s));
-    timed("mesh", &mut || _ = s.to_mesh(session()).unwrap());
-    timed("write scaled", &mut || {
-        let mut file = VdbWriter::new(&path, session()).unwrap().scaled(0.001);
-        file.level_set("surface", &s).unwrap();
-        file.write().unwrap();
-    });
-    timed("read", &mut || {
-        drop(LevelSet::read(&path, None, session()).unwrap());
-    });
-    timed("info", &mut || _ = vdb::info(&path).unwrap());
-    timed("picture", &mut || {
-        drop(s.picture(1000, 800, None, session()).unwrap());
-    });
-    timed("gaussian", &mut || {
-        s.gaussian(1, 1, session()).unwrap();
-    });
-    timed("dilate a voxel", &mut || {
-        s.dilate(0.1, session()).unwrap();
-    });
 }
