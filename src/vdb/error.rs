@@ -166,18 +166,25 @@ impl FileError {
     }
 }
 
-/// OpenVDB's words without its class of exception.
+/// Longest message of OpenVDB that is passed on, characters: it may quote what a damaged file holds.
+const LONGEST: usize = 200;
+
+/// OpenVDB's words without its class of exception, on one line and of bounded length.
 pub(super) fn reason(error: &cxx::Exception) -> String {
     let what = error.what();
-    [
-        "IoError: ",
-        "RuntimeError: ",
-        "ValueError: ",
-        "KeyError: ",
-        "TypeError: ",
-    ]
-    .iter()
-    .find_map(|prefix| what.strip_prefix(prefix))
-    .unwrap_or(what)
-    .to_owned()
+    let words = match what.split_once(": ") {
+        Some((class, words)) if class.ends_with("Error") && !class.contains(' ') => words,
+        _ => what,
+    };
+    let shown = words
+        .trim_end_matches('.')
+        .chars()
+        .take(LONGEST)
+        .flat_map(char::escape_debug);
+    let cut = if words.chars().nth(LONGEST).is_some() {
+        "..."
+    } else {
+        ""
+    };
+    shown.chain(cut.chars()).collect()
 }
