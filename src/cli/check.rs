@@ -77,7 +77,7 @@ fn level_sets(path: &Path, session: vdb::Session<'_>) -> Result<Answer, Failure>
         passed &= problems.is_empty();
         let _ = writeln!(
             text,
-            "grid {:?}: level set, voxel {} {unit}, band of {} voxels, {} active voxels: {}",
+            "grid {:?}: level set, voxel {} {unit}, band of {:.3} voxels, {} active voxels: {}",
             grid.name,
             check.voxel_size,
             check.half_width,

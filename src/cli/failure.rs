@@ -239,7 +239,7 @@ impl From<FileError> for Failure {
         };
         Self {
             code,
-            message,
+            message: without(&file, message),
             file: Some(file.display().to_string()),
             ..Self::default()
         }
@@ -315,11 +315,19 @@ impl From<WriteError> for Failure {
     fn from(e: WriteError) -> Self {
         Self {
             code: e.class().exit_code(),
-            message: e.to_string(),
+            message: without(e.path(), e.to_string()),
             file: Some(e.path().display().to_string()),
             hint: (e.class() == ErrorClass::Io)
                 .then(|| "nothing half-written stands under the final name".into()),
             ..Self::default()
         }
+    }
+}
+
+/// A message without the file that it begins with: the file stands on a line of its own.
+fn without(file: &std::path::Path, message: String) -> String {
+    match message.strip_prefix(&format!("{}: ", file.display())) {
+        Some(rest) => rest.to_owned(),
+        None => message,
     }
 }

@@ -144,13 +144,14 @@ fn vdb_screen(path: &Path, info: &FileInfo) -> String {
         if let Some(background) = g.background {
             let _ = writeln!(
                 text,
-                "  background {background} {unit} ({:.3} voxels)",
+                "  background {} {unit} ({:.3} voxels)",
+                background as f32,
                 background / voxel
             );
         }
         for (key, value) in &g.metadata {
             if key.starts_with("druse.") && key != "druse.recipe" {
-                let _ = writeln!(text, "  {key} {value}");
+                let _ = writeln!(text, "  {key} {}", value.escape_debug());
             }
         }
     }

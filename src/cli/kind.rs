@@ -36,7 +36,10 @@ const TABLE: [(&str, FileKind); 10] = [
 impl FileKind {
     /// The kind of an existing file, which must be one of those that a command takes.
     pub(super) fn of(path: &Path, taken: &[Self]) -> Result<Self, Failure> {
-        std::fs::metadata(path).map_err(|e| ReadError::io(path, e))?;
+        let found = std::fs::metadata(path).map_err(|e| ReadError::io(path, e))?;
+        if found.is_dir() {
+            return Err(Failure::data(path, "found a directory; expected a file"));
+        }
         let extension = path
             .extension()
             .map(|e| e.to_string_lossy().to_lowercase())

@@ -34,7 +34,7 @@ pub(super) fn answer(p: &Parameters, _: &Session) -> Result<Answer, Failure> {
         files.push(path.display().to_string());
         let subcommands = command.get_subcommands();
         let subcommands: Vec<_> = subcommands
-            .filter(|s| s.get_name() != "help")
+            .filter(|s| s.get_name() != "help" && !s.is_hide_set())
             .cloned()
             .collect();
         write_bytes(&path, &page(command))?;

@@ -16,7 +16,7 @@ use std::path::PathBuf;
 
 #[derive(Args)]
 pub(super) struct Parameters {
-    /// A .vdb, mesh, cell or scaffold.
+    /// A .vdb, mesh, cell or scaffold, or the name of a surface.
     file: PathBuf,
     /// The picture to write (.png).
     #[arg(short, long, value_name = "X.png")]
@@ -38,33 +38,61 @@ const FINENESS: f64 = 240.0;
 const HALF_WIDTH: f64 = 3.0;
 
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
-    use FileKind::{Mesh, Scaffold, Vdb};
     let threads = super::session::threads(p.threads)?;
     let tools = vdb::Session::new(&threads, session);
     let path = &p.file;
-    let solid = match FileKind::of(path, &[Vdb, Mesh, FileKind::Cell, Scaffold])? {
-        Vdb => super::vdb::level_set(path, tools)?,
-        Mesh => voxelized(p, &read_mesh(path)?.mesh, tools)?,
-        Scaffold => {
-            let scaffold = read_scaffold(path)?.scaffold;
-            let (_, stretch) = scaffold.stretch();
-            let mut shell = TriMesh::default();
-            for component in 0..scaffold.components().len() {
-                let part = scaffold.boundary(component, stretch / FINENESS).mesh;
-                shell
-                    .append(&part)
-                    .map_err(|e| Failure::data(path, e.to_string()))?;
-            }
-            voxelized(p, &shell, tools)?
-        }
-        _ => cell_picture(p, &read_cell(path)?, tools)?,
+    if p.output.extension().is_none_or(|e| e != "png") {
+        let found = p.output.display();
+        return Err(Failure::usage(format!(
+            "found the output {found}; expected a name with the extension .png"
+        )));
+    }
+    let solid = match super::fit::surface(path, None)? {
+        Some(cell) => cell_picture(p, &cell, tools)?,
+        None => solid_of(p, tools)?,
     };
+    if let Some(cut) = p.cut {
+        let bounds = solid.bounds()?;
+        let (from, to) = (bounds.min[cut.axis], bounds.max[cut.axis]);
+        if cut.at < from || cut.at > to {
+            let message = format!(
+                "the cut at {} misses the part, which spans {from:.6} to {to:.6} there",
+                cut.at
+            );
+            session.warn_of(pipeline::Warning::CUT, message)?;
+        }
+    }
     let cut = p.cut.map(|c| (c.axis, c.at));
     let png = solid.picture(p.size.0 as usize, p.size.1 as usize, cut, tools)?;
     let bytes = write_bytes(&p.output, &png)?;
     let shown = p.output.display().to_string();
     let text = format!("{shown}  {}", super::run::size(bytes));
     Ok(Answer::new(text, json!({ "path": shown, "bytes": bytes })))
+}
+
+/// What a file shows, as a level set.
+fn solid_of(p: &Parameters, tools: vdb::Session) -> Result<LevelSet, Failure> {
+    use FileKind::{Mesh, Scaffold, Vdb};
+    let path = &p.file;
+    Ok(
+        match FileKind::of(path, &[Vdb, Mesh, FileKind::Cell, Scaffold])? {
+            Vdb => super::vdb::level_set(path, tools)?,
+            Mesh => voxelized(p, &read_mesh(path)?.mesh, tools)?,
+            Scaffold => {
+                let scaffold = read_scaffold(path)?.scaffold;
+                let (_, stretch) = scaffold.stretch();
+                let mut shell = TriMesh::default();
+                for component in 0..scaffold.components().len() {
+                    let part = scaffold.boundary(component, stretch / FINENESS).mesh;
+                    shell
+                        .append(&part)
+                        .map_err(|e| Failure::data(path, e.to_string()))?;
+                }
+                voxelized(p, &shell, tools)?
+            }
+            _ => cell_picture(p, &read_cell(path)?, tools)?,
+        },
+    )
 }
 
 fn voxelized(p: &Parameters, mesh: &TriMesh, tools: vdb::Session) -> Result<LevelSet, Failure> {

@@ -29,9 +29,9 @@ pub(super) struct Manners {
         help_heading = "Manners"
     )]
     color: Color,
-    /// Say more on stderr; twice for all stages.
-    #[arg(short, long, global = true, action = clap::ArgAction::Count, help_heading = "Manners")]
-    verbose: u8,
+    /// Say more on stderr: the time of every stage.
+    #[arg(short, long, global = true, help_heading = "Manners")]
+    verbose: bool,
     /// Treat warnings as errors.
     #[arg(long, global = true, help_heading = "Manners")]
     strict: bool,
@@ -84,7 +84,7 @@ impl Session {
 
     /// Whether more shall be said.
     pub(super) fn verbose(&self) -> bool {
-        self.manners.verbose > 0
+        self.manners.verbose
     }
 
     /// Whether stderr is coloured.

@@ -144,7 +144,7 @@ impl fmt::Display for MeshReport {
                 let list = numbers.join(", ");
                 write!(
                     f,
-                    ", first at ({}, {}, {}), triangles {list}",
+                    ", first at ({:.6}, {:.6}, {:.6}), triangles {list}",
                     at.x, at.y, at.z
                 )?;
             }
@@ -152,8 +152,13 @@ impl fmt::Display for MeshReport {
         }
         write!(
             f,
-            "{} triangles, {} vertices, {} components, volume {}, area {}",
-            self.triangles, self.vertices, self.components, self.volume, self.area
+            "{} triangles, {} vertices, {} component{}, volume {:.6}, area {:.6}",
+            self.triangles,
+            self.vertices,
+            self.components,
+            if self.components == 1 { "" } else { "s" },
+            self.volume,
+            self.area
         )
     }
 }

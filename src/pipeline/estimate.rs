@@ -12,7 +12,7 @@ use super::stock::Stock;
 use crate::band::{self, Sampling};
 use crate::frame::Transform;
 use crate::progress::{Progress, Threads};
-use crate::recipe::{Op, OutputKind, Scale};
+use crate::recipe::{Op, Output, OutputKind, Scale};
 use serde::Serialize;
 
 /// Predicted needs of a run.
@@ -39,6 +39,8 @@ const QUICK: f64 = 1e6;
 const CLOSE: f64 = 1.5e8;
 /// Bytes of a leaf: 512 floats, mask, origin, and its share of the nodes above.
 const LEAF_BYTES: f64 = 2240.0;
+/// Bytes of a picture's pixel while it is made: four rays of 24 bytes and 32 of what they met.
+const PIXEL_BYTES: f64 = 224.0;
 
 /// A sampled or extrapolated band.
 #[derive(Clone, Copy)]
@@ -197,13 +199,16 @@ fn predict(stock: &Stock, threads: &Threads, c: &Counts) -> Estimate {
                     });
                     points * 2.0 * triangle
                 }
-                OutputKind::Picture => 200e3,
+                OutputKind::Picture => 0.25 * pixels(output),
                 OutputKind::Report => 4e3,
             };
-            if kind == OutputKind::Vdb {
-                // A copy in the file's unit, beside what walls have left behind.
-                peak = peak.max(2.0 * tree + left + mesh + 0.6 * walls);
-            }
+            // Beside what walls have left behind: a copy in the file's unit; rays and what they met.
+            let own = match kind {
+                OutputKind::Vdb => tree,
+                OutputKind::Picture => pixels(output) * PIXEL_BYTES,
+                _ => continue,
+            };
+            peak = peak.max(tree + left + mesh + 0.6 * walls + own);
         }
     }
     Estimate {
@@ -215,6 +220,11 @@ fn predict(stock: &Stock, threads: &Threads, c: &Counts) -> Estimate {
         disk_bytes: disk as u64,
         seconds,
     }
+}
+
+fn pixels(output: &Output) -> f64 {
+    let size = output.size.unwrap_or_default();
+    f64::from(size.0) * f64::from(size.1)
 }
 
 /// Extra copies of the tree and nanoseconds per active voxel (2 threads) of an operation.

@@ -167,6 +167,10 @@ impl Warning {
     pub const SCAFFOLD: &'static str = "W105";
     /// W106: pieces that do not hang together.
     pub const PIECES: &'static str = "W106";
+    /// W107: a picture's cut that misses the part.
+    pub const CUT: &'static str = "W107";
+    /// W108: operations that keep pieces dropped more than a hundredth of the solid.
+    pub const DROPPED: &'static str = "W108";
 }
 
 fn corners<S: serde::Serializer>(b: &Aabb, s: S) -> Result<S::Ok, S::Error> {

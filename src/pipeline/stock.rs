@@ -1,7 +1,7 @@
 //! What a run is made of, read once: the meshes of its operations, its scaffold, its cell.
 
 use super::cells;
-use super::error::RunError;
+use super::error::{RunError, short};
 use super::inputs::{Inputs, frame_map, hash_text};
 use super::report::{Report, ScaffoldReport, SolidReport, Warning};
 use super::shape::Shape;
@@ -173,7 +173,8 @@ impl<'a> Stock<'a> {
         })
     }
 
-    /// What the finished solid shows: W102 thin walls, W106 loose pieces.
+    /// What the finished solid shows: W102 thin walls, W106 loose pieces, W107 cuts that miss it,
+    /// W108 much that was dropped.
     pub fn look_at(&mut self, solid: &SolidReport, scale: Scale) -> Result<(), RunError> {
         if let Some(wall) = solid.least_wall.filter(|&w| w < 2.0 * scale.voxel_size) {
             let message = format!(
@@ -189,6 +190,28 @@ impl<'a> Stock<'a> {
                 solid.components
             );
             self.inputs.warn(Warning::PIECES, message)?;
+        }
+        let share = solid.dropped_volume / (solid.dropped_volume + solid.volume);
+        if share > 0.01 {
+            let message = format!(
+                "{} pieces with {:.0} % of the solid were dropped; thin walls may have come apart before",
+                solid.dropped_components,
+                100.0 * share
+            );
+            self.inputs.warn(Warning::DROPPED, message)?;
+        }
+        let cuts = self.recipe.sections().output.iter().filter_map(|o| o.cut);
+        for (cut, bounds) in cuts.filter_map(|cut| Some((cut, solid.bounds?))) {
+            let (from, to) = (bounds.min[cut.axis], bounds.max[cut.axis]);
+            if cut.at < from || cut.at > to {
+                let message = format!(
+                    "the cut at {} misses the part, which spans {} to {} there",
+                    cut.at,
+                    short(from),
+                    short(to)
+                );
+                self.inputs.warn(Warning::CUT, message)?;
+            }
         }
         Ok(())
     }

@@ -246,6 +246,11 @@ fn outputs(sections: &Sections, source: &Source) -> Checked {
                 "picture",
             ),
         ];
+        let with_unit = matches!(kind, OutputKind::Vdb | OutputKind::Mesh);
+        let wrong =
+            wrong
+                .into_iter()
+                .chain([("unit", output.unit.is_some() && !with_unit, "vdb or mesh")]);
         if let Some((word, _, owner)) = wrong.into_iter().find(|w| w.1) {
             return Err(source.fault(
                 &format!("{key}.{word}"),

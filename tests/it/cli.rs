@@ -153,6 +153,49 @@ fn json_is_exactly_one_object() {
 }
 
 #[test]
+fn pictures_are_png_of_anything_with_a_surface() {
+    let place = Place::with(&format!("{BALL}{FILES}"));
+    assert!(place.run(&["run", "r.toml"]).status.success());
+    for file in ["a.vdb", "a.stl", "schwarz_p"] {
+        let output = place.run(&["preview", file, "-o", "p.png", "--size", "40x30"]);
+        assert!(output.status.success(), "{}", text(&output.stderr));
+        let bytes = fs::read(place.0.path().join("p.png")).unwrap();
+        assert!(bytes.starts_with(b"\x89PNG"), "{file}");
+    }
+    // In millimetres, of a file in metres: the cut misses.
+    let missed = [
+        "preview", "a.vdb", "-o", "p.png", "--size", "40x30", "--cut", "x=2",
+    ];
+    let output = place.run(&missed);
+    assert!(output.status.success() && text(&output.stderr).contains("W107"));
+    assert!(
+        !place
+            .run(&[&missed[..], &["--strict"]].concat())
+            .status
+            .success()
+    );
+    let jpeg = ["preview", "a.vdb", "-o", "p.jpg"];
+    refuse(&place, &jpeg, 2, &["p.jpg", ".png"]);
+    refuse(&place, &["info", "."], 65, &["directory"]);
+}
+
+#[test]
+fn manual_pages_are_those_of_commands_that_are_shown() {
+    let place = Place::new();
+    assert!(place.run(&["man", "--out", "m"]).status.success());
+    let pages: Vec<_> = fs::read_dir(place.0.path().join("m")).unwrap().collect();
+    let help = text(&place.run(&["--help"]).stdout);
+    for page in pages {
+        let name = page.unwrap().file_name().into_string().unwrap();
+        let command = name.trim_end_matches(".1").split('-').nth(1);
+        assert!(
+            command.is_none_or(|c| help.contains(&format!("\n  {c} "))),
+            "{name}"
+        );
+    }
+}
+
+#[test]
 fn wrappers_get_progress_as_lines() {
     let place = Place::with(BALL);
     let output = place.run(&["run", "r.toml", "--progress=json"]);
@@ -184,6 +227,11 @@ fn bad_recipes_are_refused_before_anything_is_written() {
         ),
         ("druse = 1", "druse = 7", &["version 7"]),
         ("[band]", "[band", &["r.toml:2"]),
+        (
+            "picture",
+            "unit = \"mm\"\npicture",
+            &["unit belongs", "vdb or mesh"],
+        ),
     ];
     for (from, to, words) in cases {
         let place = Place::with(&format!("{}{FILES}", BALL.replace(from, to)));
@@ -203,6 +251,13 @@ fn bad_recipes_are_refused_before_anything_is_written() {
         &["memory"],
     );
     refuse(&place, &["run", "none.toml"], 66, &["none.toml"]);
+    place.write("bytes.toml", b"druse = 1\nunit = \"m\xffm\"\n");
+    refuse(
+        &place,
+        &["run", "bytes.toml"],
+        65,
+        &["bytes.toml:2:10", "0xff", "UTF-8"],
+    );
 }
 
 #[test]

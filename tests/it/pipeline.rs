@@ -71,6 +71,7 @@ fn pieces_are_counted_and_dropped() {
     assert_eq!(found.solid.components, 2);
     assert!(found.warnings.iter().any(|w| w.code == "W106"));
     let kept = report(&format!("{two}[[op]]\nkeep_largest = true\n"));
+    assert!(kept.warnings.iter().any(|w| w.code == "W108"));
     assert_eq!(
         (kept.solid.components, kept.solid.dropped_components),
         (1, 1)
@@ -167,6 +168,55 @@ fn struts_in_hundreds_of_tets_join_into_one_piece() {
     assert_eq!(found.solid.components, 1);
 }
 
+/// The bracket's scaffold and cell, struts thickened so that coarse voxels resolve them.
+const TETS: &str = "druse = 1\n[cell.strut]\nmesh = \"ROOT/examples/bracket/strut.stl\"\nband_limit = 8\nlevel = 0.05\n[scaffold]\nfile = \"ROOT/examples/bracket/bracket.msh\"\n[tiling]\ncell = \"strut\"\n[band]\nvoxel_size = 0.3\n[[op]]\nintersect = { mesh = \"ROOT/examples/bracket/bracket.stl\" }\n[[op]]\nkeep_largest = true\n";
+
+#[test]
+fn the_bracket_is_tiled_into_one_piece_by_few_leaves() {
+    let found = report(TETS);
+    let (band, solid) = (&found.band, &found.solid);
+    let touched = band.leaves_touched as f64 / band.leaves_kept as f64;
+    println!("figure: bracket, leaves evaluated over leaves kept | {touched:.3} | 2.2");
+    assert!(touched < 2.2, "{touched}");
+    // Elements thinner than two voxels and corners that the envelope cuts off leave specks.
+    let voxel = band.voxel_size.powi(3);
+    println!(
+        "figure: bracket at 0.3 mm, voxels in pieces besides the largest | {:.0} in {} | 27 each",
+        solid.dropped_volume / voxel,
+        solid.dropped_components
+    );
+    assert!(solid.dropped_volume <= 27.0 * voxel * solid.dropped_components as f64);
+    assert!(solid.dropped_volume < 1e-4 * solid.volume, "{solid:?}");
+}
+
+#[test]
+fn the_quickstarts_part_is_one_piece_before_any_is_dropped() {
+    if std::env::var_os("DRUSE_FULL").is_none() {
+        return;
+    }
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/bracket/bracket.toml");
+    let text = std::fs::read_to_string(&path).unwrap();
+    let kept: Vec<&str> = text
+        .split("[[op]]")
+        .filter(|part| !part.contains("gaussian =") && !part.contains("keep_largest ="))
+        .collect();
+    let text = kept
+        .join("[[op]]")
+        .replace("file = \"", "file = \"ROOT/examples/bracket/");
+    let found = report(&text.replace("mesh = \"", "mesh = \"ROOT/examples/bracket/"));
+    let touched = found.band.leaves_touched as f64 / found.band.leaves_kept as f64;
+    println!("figure: quickstart, leaves evaluated over leaves kept | {touched:.3} | 2.2");
+    println!(
+        "figure: quickstart, pieces before keep_largest | {} | 1",
+        found.solid.components
+    );
+    assert!(
+        touched < 2.2 && found.solid.components == 1,
+        "{:?}",
+        found.solid
+    );
+}
+
 #[test]
 fn one_thread_and_two_give_the_same_content() {
     let hash = |threads: usize| {
@@ -199,6 +249,36 @@ fn an_estimate_is_within_a_fifth() {
         println!("figure: active voxels, estimated over found | {ratio:.3} | 0.8 to 1.2");
         assert!((ratio - 1.0).abs() < 0.2, "{ratio}");
     }
+}
+
+#[test]
+fn a_picture_takes_its_memory() {
+    let ball = "druse = 1\n[band]\nvoxel_size = 0.5\n[[op]]\nunion = { sphere = { radius = 5 } }\n";
+    let needs = |text: &str| {
+        let estimate = plan(&recipe(text), &RunOptions::default(), &Silent).unwrap();
+        estimate.peak_memory_bytes as f64
+    };
+    let picture = format!("{ball}[[output]]\npicture = \"a.png\"\nsize = [2000, 1000]\n");
+    let more = needs(&picture) - needs(ball);
+    assert!((300e6..600e6).contains(&more), "{more}");
+}
+
+#[test]
+fn cuts_that_miss_the_part_are_warned_of() {
+    let cut = |at: &str| {
+        let directory = tempfile::tempdir().unwrap();
+        let text = format!(
+            "druse = 1\n[band]\nvoxel_size = 0.5\n[[op]]\nunion = {{ sphere = {{ radius = 5 }} }}\n[[output]]\npicture = \"a.png\"\nsize = [64, 48]\ncut = \"{at}\"\n"
+        );
+        let options = RunOptions {
+            out: Some(directory.path().to_owned()),
+            ..RunOptions::default()
+        };
+        let report = run(&recipe(&text), &options, &Silent).unwrap();
+        report.warnings.iter().any(|w| w.code == "W107")
+    };
+    assert!(!cut("x=0") && !cut("z=4.9"));
+    assert!(cut("x=0.05e3") && cut("y=-6"));
 }
 
 #[test]
