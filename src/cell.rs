@@ -74,7 +74,8 @@ pub use pairing::{default_group, groups, lattices, symmetry};
 pub use series::{Coefficient, Series};
 pub use solid::Solid;
 pub use source::{
-    Caps, Skeleton, SkeletonError, Source, SourceKind, VoxelError, Voxels, graphs, plate_sets,
+    Caps, Origin, Skeleton, SkeletonError, Source, SourceKind, VoxelError, Voxels, graphs,
+    plate_sets,
 };
 pub use surface::Surface;
 pub use table::Table;

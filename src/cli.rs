@@ -27,6 +27,7 @@ mod info;
 mod kind;
 mod man;
 mod new;
+mod plot;
 mod points;
 mod preview;
 mod progress;

@@ -28,6 +28,7 @@ mod inputs;
 mod memory;
 mod operate;
 mod output;
+mod plot;
 mod report;
 mod shape;
 mod source;
@@ -38,6 +39,7 @@ pub use cells::{levelled, make_cell, one_element, read_source};
 pub use error::RunError;
 pub use estimate::Estimate;
 pub use fit_options::fit_options;
+pub use plot::{Curve, Plot, plot};
 pub use report::{
     BandReport, Input, OutputFile, Report, ScaffoldReport, SolidReport, Stage, Warning,
 };

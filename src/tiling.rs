@@ -24,7 +24,7 @@
 
 use crate::cell::Table;
 use crate::field::{Field, Interval, SampleLattice};
-use crate::frame::{Aabb, CellPoint, Vec3, WorldPoint};
+use crate::frame::{Aabb, CellPoint, Element, Vec3, WorldPoint};
 use crate::mesh::MeshSolid;
 use crate::scaffold::Scaffold;
 
@@ -35,6 +35,7 @@ mod near;
 mod patch;
 mod scale;
 mod source;
+mod turned;
 
 pub use source::CellField;
 
@@ -95,6 +96,18 @@ pub enum TilingError {
     Symmetry {
         /// Name of the cell's element.
         cell: &'static str,
+    },
+    /// Two hexes that are turned against each other, and a cell that is not the same for both.
+    #[error(
+        "the cell lacks symmetries of the hex, and elements {first} and {second} of the scaffold are \
+         turned against each other, so that it would be torn at their face; use a box, whose elements \
+         are turned alike, or fit the cell with the hex's whole group"
+    )]
+    Turned {
+        /// Number of an element.
+        first: usize,
+        /// Number of its neighbour.
+        second: usize,
     },
     /// A length is not positive and finite.
     #[error("{what} is {value}; expected a positive, finite length")]
@@ -174,11 +187,6 @@ impl<'a, C: CellField> TiledSolid<'a, C> {
         if !(sup.is_finite() && rms.is_finite() && sup > 0.0 && rms > 0.0) {
             return Err(TilingError::Slope { rms, sup });
         }
-        if !cell.fits_any_numbering() {
-            return Err(TilingError::Symmetry {
-                cell: cell.element().name(),
-            });
-        }
         if scaffold.is_empty() {
             return Err(TilingError::Empty);
         }
@@ -190,6 +198,15 @@ impl<'a, C: CellField> TiledSolid<'a, C> {
                     number,
                     found: found.name(),
                 });
+            }
+        }
+        if !cell.fits_any_numbering() {
+            let name = cell.element().name();
+            if cell.element() != Element::Hex {
+                return Err(TilingError::Symmetry { cell: name });
+            }
+            if let Some([first, second]) = turned::torn(scaffold, cell.operators()) {
+                return Err(TilingError::Turned { first, second });
             }
         }
         let patches = (0..scaffold.len())

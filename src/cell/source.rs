@@ -25,9 +25,11 @@ use crate::mesh::CloudSolid;
 use serde::{Deserialize, Serialize};
 
 mod mesh;
+mod origin;
 mod skeleton;
 mod voxels;
 pub use mesh::Caps;
+pub use origin::Origin;
 pub use skeleton::{Skeleton, SkeletonError, graphs, plate_sets};
 pub use voxels::{VoxelError, Voxels};
 

@@ -1,8 +1,9 @@
 //! Closed-form surfaces as exact coefficient sets.
 
-use super::{Cell, CellError, Series, default_group};
+use super::{Cell, CellError, Series, default_group, symmetry};
 use crate::frame::Element;
 use crate::symmetry::Frequency;
+use std::collections::BTreeMap;
 
 /// A triply periodic surface with period 1, by name.
 ///
@@ -16,6 +17,12 @@ use crate::symmetry::Frequency;
 /// | `iwp` | 2 (cX cY + cY cZ + cZ cX) - (c2X + c2Y + c2Z) | the wrapped side; above 0: struts of a body-centred cubic frame |
 /// | `neovius` | 3 (cX + cY + cZ) + 4 cX cY cZ | network around the cube's corners |
 /// | `f_rd` | 4 cX cY cZ - (c2X c2Y + c2Y c2Z + c2Z c2X) | the rhombic-dodecahedral side |
+/// | `gyroid` | sX cY + sY cZ + sZ cX | one of two mirror-image networks |
+/// | `lidinoid` | (s2X cY sZ + s2Y cZ sX + s2Z cX sY - c2X c2Y - c2Y c2Z - c2Z c2X) / 2 + 0.15 | one of two sides |
+///
+/// Gyroid and lidinoid have no point of cubic symmetry: averaged over any cubic group about the usual
+/// origin the gyroid is zero. They come as periodic cells of the hex without symmetries (group C1),
+/// which fill only scaffolds whose elements are all turned alike, such as a box.
 ///
 /// All but the diamond have the full cubic group and fit a hex; all fit a tet, where they keep the
 /// cubic lattice of period 1. In a tet the network of `schwarz_p` that reaches from element to
@@ -32,20 +39,75 @@ pub enum Surface {
     Neovius,
     /// Schoen's F-RD.
     FRd,
+    /// Schoen's gyroid.
+    Gyroid,
+    /// Lidin's surface.
+    Lidinoid,
 }
 
 /// Orbit representatives and coefficients. A product of cosines of n distinct axes has 2^n
 /// exponentials, so that its factor is divided by 2^n.
 type Terms = &'static [(Frequency<3>, [f64; 2])];
 
+/// A product over the axes: its factor, and of each axis the sine or cosine of a multiple of 2 pi x.
+type Product = (f64, [(Wave, i32); 3]);
+
+#[derive(Clone, Copy, PartialEq)]
+enum Wave {
+    Sin,
+    Cos,
+}
+use Wave::{Cos, Sin};
+
+const GYROID: &[Product] = &[
+    (1.0, [(Sin, 1), (Cos, 1), (Cos, 0)]),
+    (1.0, [(Cos, 0), (Sin, 1), (Cos, 1)]),
+    (1.0, [(Cos, 1), (Cos, 0), (Sin, 1)]),
+];
+const LIDINOID: &[Product] = &[
+    (0.5, [(Sin, 2), (Cos, 1), (Sin, 1)]),
+    (0.5, [(Sin, 1), (Sin, 2), (Cos, 1)]),
+    (0.5, [(Cos, 1), (Sin, 1), (Sin, 2)]),
+    (-0.5, [(Cos, 2), (Cos, 2), (Cos, 0)]),
+    (-0.5, [(Cos, 0), (Cos, 2), (Cos, 2)]),
+    (-0.5, [(Cos, 2), (Cos, 0), (Cos, 2)]),
+    (0.15, [(Cos, 0), (Cos, 0), (Cos, 0)]),
+];
+
+/// Products as exponentials, one of each pair +-k.
+fn expanded(products: &[Product]) -> Vec<(Frequency<3>, [f64; 2])> {
+    let mut terms = BTreeMap::<Frequency<3>, [f64; 2]>::new();
+    for (factor, axes) in products {
+        for signs in 0..8 {
+            // cos = (e+ + e-) / 2, sin = -i (e+ - e-) / 2: each sine turns by -+ i.
+            let mut c = [factor / 8.0, 0.0];
+            let mut k = [0; 3];
+            for (a, (wave, multiple)) in axes.iter().enumerate() {
+                let sign = if signs >> a & 1 == 1 { -1 } else { 1 };
+                k[a] = sign * multiple;
+                if *wave == Sin {
+                    let s = f64::from(sign);
+                    c = [s * c[1], -s * c[0]];
+                }
+            }
+            let sum = terms.entry(k).or_default();
+            *sum = [sum[0] + c[0], sum[1] + c[1]];
+        }
+    }
+    let first = |k: &Frequency<3>| *k >= k.map(|c| -c);
+    terms.into_iter().filter(|t| first(&t.0)).collect()
+}
+
 impl Surface {
     /// Every surface.
-    pub const ALL: [Self; 5] = [
+    pub const ALL: [Self; 7] = [
         Self::SchwarzP,
         Self::Diamond,
         Self::Iwp,
         Self::Neovius,
         Self::FRd,
+        Self::Gyroid,
+        Self::Lidinoid,
     ];
 
     /// Its name in recipes.
@@ -56,6 +118,8 @@ impl Surface {
             Self::Iwp => "iwp",
             Self::Neovius => "neovius",
             Self::FRd => "f_rd",
+            Self::Gyroid => "gyroid",
+            Self::Lidinoid => "lidinoid",
         }
     }
 
@@ -75,12 +139,17 @@ impl Surface {
             Self::Iwp => "2 (cX cY + cY cZ + cZ cX) - (c2X + c2Y + c2Z)",
             Self::Neovius => "3 (cX + cY + cZ) + 4 cX cY cZ",
             Self::FRd => "4 cX cY cZ - (c2X c2Y + c2Y c2Z + c2Z c2X)",
+            Self::Gyroid => "sX cY + sY cZ + sZ cX",
+            Self::Lidinoid => {
+                "(s2X cY sZ + s2Y cZ sX + s2Z cX sY - c2X c2Y - c2Y c2Z - c2Z c2X) / 2 + 0.15"
+            }
         }
     }
 
-    /// Coefficients under Oh; of the diamond under Td.
+    /// Coefficients under Oh; of the diamond under Td, of surfaces without symmetry none.
     const fn terms(self) -> Terms {
         match self {
+            Self::Gyroid | Self::Lidinoid => &[],
             Self::SchwarzP => &[([1, 0, 0], [0.5, 0.0])],
             // sss = (i/8) sum of (product of signs) exp: the orbit of (1,1,1) under Td holds the
             // four indices whose product of signs is +1.
@@ -94,7 +163,8 @@ impl Surface {
     /// The cell of an element, with level 0 and the solid below it.
     ///
     /// # Errors
-    /// [`CellError::NoSuchForm`] for the diamond in a hex, and for planar elements.
+    /// [`CellError::NoSuchForm`] for the diamond in a hex, gyroid and lidinoid in a tet, and for other
+    /// elements.
     pub fn cell(self, element: Element) -> Result<Cell, CellError> {
         let no_form = |reason| CellError::NoSuchForm {
             surface: self.name(),
@@ -117,7 +187,23 @@ impl Surface {
                      remains is another surface; use it with tets",
                 ));
             }
+            Element::Tet if matches!(self, Self::Gyroid | Self::Lidinoid) => {
+                return Err(no_form(
+                    "it has no point with the symmetry of a tet, and its average over the group's \
+                     images about the usual origin is zero; use it with a box of hexes",
+                ));
+            }
             Element::Tet | Element::Hex => {}
+        }
+        if let Self::Gyroid | Self::Lidinoid = self {
+            let products = if self == Self::Gyroid {
+                GYROID
+            } else {
+                LIDINOID
+            };
+            let (group, lattice) = symmetry(element, Some("C1"), Some("cubic"))?;
+            let series = Series::new(group, lattice, &expanded(products))?;
+            return Cell::new(self.name(), element, series);
         }
         let (group, lattice) = Cell::symmetry(element, Some("cubic"))?;
         // An orbit of the full cubic group may be two opposite orbits of its subgroup; a pair is

@@ -1,4 +1,4 @@
-//! `druse cell info` and `druse cell eval`.
+//! `druse cell info`, `eval` and `plot`.
 
 use super::{Answer, Failure, Session};
 use crate::cell::{Cell, default_group, groups, lattices};
@@ -50,10 +50,13 @@ enum What {
         #[arg(short, long, value_name = "FILE")]
         output: Option<PathBuf>,
     },
+    /// Draw a cell, beside its source: slices with both surfaces, error against coefficients.
+    Plot(super::plot::Parameters),
 }
 
-pub(super) fn answer(p: &Parameters, _: &Session) -> Result<Answer, Failure> {
+pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     match &p.what {
+        What::Plot(p) => super::plot::answer(p, session),
         What::Info {
             group: Some(group),
             lattice,
@@ -73,7 +76,7 @@ pub(super) fn answer(p: &Parameters, _: &Session) -> Result<Answer, Failure> {
 }
 
 /// A cell from its file, or from the name of a surface.
-fn read(path: &Path) -> Result<Cell, Failure> {
+pub(super) fn read(path: &Path) -> Result<Cell, Failure> {
     match super::fit::surface(path, None)? {
         Some(cell) => Ok(cell),
         None => Ok(read_cell(path)?),

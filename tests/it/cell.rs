@@ -40,12 +40,23 @@ fn surfaces_are_their_formulas() {
             Surface::Iwp => 2.0 * (c.x * c.y + c.y * c.z + c.z * c.x) - c2.sum(),
             Surface::Neovius => 3.0 * c.sum() + 4.0 * c.product(),
             Surface::FRd => 4.0 * c.product() - (c2.x * c2.y + c2.y * c2.z + c2.z * c2.x),
+            Surface::Gyroid => s1.x * c.y + s1.y * c.z + s1.z * c.x,
+            Surface::Lidinoid => {
+                let s2 = p.map(|v| (2.0 * TAU * v).sin());
+                let waves = s2.x * c.y * s1.z + s2.y * c.z * s1.x + s2.z * c.x * s1.y;
+                (waves - (c2.x * c2.y + c2.y * c2.z + c2.z * c2.x)) / 2.0 + 0.15
+            }
         }
     };
     for surface in Surface::ALL {
         for element in [Element::Tet, Element::Hex] {
             let Ok(cell) = surface.cell(element) else {
-                assert_eq!((surface, element), (Surface::Diamond, Element::Hex));
+                let lacks = match surface {
+                    Surface::Diamond => Element::Hex,
+                    Surface::Gyroid | Surface::Lidinoid => Element::Tet,
+                    _ => panic!("{surface:?} has every form"),
+                };
+                assert_eq!(element, lacks, "{surface:?}");
                 continue;
             };
             for p in [
@@ -61,6 +72,26 @@ fn surfaces_are_their_formulas() {
         }
         assert_eq!(Surface::from_name(surface.name()), Some(surface));
     }
+}
+
+#[test]
+fn the_gyroid_has_the_solid_shares_of_its_literature() {
+    let gyroid = Surface::Gyroid.cell(Element::Hex).unwrap();
+    assert!(!gyroid.fits_any_numbering());
+    let level = gyroid.level_for_volume_fraction(0.35).unwrap();
+    assert!((level + 0.463_952).abs() < 2e-3, "{level}");
+    // No cubic group leaves anything of it about the usual origin.
+    let source = |p: CellPoint<3>| gyroid.form().value(p);
+    let options = druse::cell::FitOptions {
+        band_limit: 2.0,
+        ..Default::default()
+    };
+    let silent = &druse::progress::Silent;
+    let refused = druse::cell::fit("g", Element::Hex, &source, &options, silent).unwrap_err();
+    assert!(
+        refused.to_string().contains("no part with the symmetry Oh"),
+        "{refused}"
+    );
 }
 
 #[test]

@@ -1,5 +1,7 @@
 //! Laws of tilings, with cells in closed form.
 
+mod turned;
+
 use crate::strategy::{self, Noise};
 use druse::band::{self, LeafMap};
 use druse::field::{Field, Interval};

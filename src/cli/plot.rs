@@ -1,0 +1,70 @@
+//! `druse cell plot X.cell -o X.png [--source INPUT]`.
+
+use super::{Answer, Failure, Session};
+use crate::io::atomic::write_bytes;
+use crate::pipeline;
+use crate::recipe::{Caps, CellPlace, CellSection, Positive};
+use clap::Args;
+use serde_json::json;
+use std::fmt::Write;
+use std::path::PathBuf;
+
+#[derive(Args)]
+pub(super) struct Parameters {
+    /// The .cell file, or the name of a surface.
+    cell: PathBuf,
+    /// The picture to write (.png).
+    #[arg(short, long, value_name = "X.png")]
+    output: PathBuf,
+    /// What the cell was fitted to, as for `druse fit`: drawn beside it.
+    #[arg(long, value_name = "INPUT")]
+    source: Option<PathBuf>,
+    /// Where the source stands: "reference", "fit", { scale, rotate, translate } or { vertices }.
+    #[arg(long, requires = "source")]
+    place: Option<CellPlace>,
+    /// Triangles in a face plane of the element: "exclude" them from the distance, or "keep" them.
+    #[arg(long, requires = "source")]
+    caps: Option<Caps>,
+    /// Radius of the source's struts.
+    #[arg(long, requires = "source")]
+    radius: Option<Positive>,
+    /// Full thickness of the source's plates.
+    #[arg(long, requires = "source", value_name = "THICKNESS")]
+    plate_thickness: Option<Positive>,
+    /// Worker threads [default: one per core].
+    #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true)]
+    threads: usize,
+}
+
+pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
+    let threads = super::session::threads(p.threads)?;
+    let cell = super::cell::read(&p.cell)?;
+    let plot = threads.install(|| {
+        let source = match &p.source {
+            None => None,
+            Some(input) => {
+                let flags = CellSection {
+                    place: p.place.clone(),
+                    caps: p.caps,
+                    radius: p.radius,
+                    plate_thickness: p.plate_thickness,
+                    ..CellSection::default()
+                };
+                let (section, _) = super::fit::section(input, &flags)?;
+                let tools = crate::vdb::Session::new(&threads, session);
+                let source = pipeline::read_source(&section, cell.element(), tools);
+                Some(source.map_err(|e| super::fit::of_input(e, input))?)
+            }
+        };
+        Ok::<_, Failure>(pipeline::plot(&cell, source.as_ref()))
+    })?;
+    let bytes = write_bytes(&p.output, &plot.image.png()?)?;
+    let mut text = String::new();
+    for (count, rms) in &plot.curve {
+        let _ = writeln!(text, "{count:>6} coefficients: rms {rms:.3e}");
+    }
+    let path = p.output.display().to_string();
+    let _ = write!(text, "{path}  {}", super::run::size(bytes));
+    let facts = json!({ "path": path, "bytes": bytes, "curve": plot.curve });
+    Ok(Answer::new(text, facts))
+}

@@ -1,0 +1,339 @@
+//! A cell drawn beside its source: slices with both surfaces, and how the error falls with the number of
+//! coefficients.
+//!
+//! Slices are of the element: level, half way to its top, and upright through a vertex. Blue is solid,
+//! white void, darker farther from the surface; the cell's surface is black, its source's red, the element
+//! without its edge pale. The curve keeps the M largest of the cell's coefficients (by |C| times the root
+//! of the orbit's size: the best M terms in the mean) and shows the root mean square over points of the
+//! element of the difference to the source, or without one to the whole cell.
+
+use crate::cell::{Cell, Series, Source};
+use crate::field::Field;
+use crate::frame::{CellPoint, Element, Vec3};
+use crate::vdb::Image;
+use canvas::{Canvas, INK, PALE, RED, Shade};
+use rayon::prelude::*;
+
+mod canvas;
+
+/// Pixels: a slice, its margin, the chart below, and the page.
+const SLICE: usize = 380;
+const MARGIN: usize = 16;
+const HEAD: usize = 54;
+const CHART: usize = 330;
+const WIDTH: usize = 3 * SLICE + 4 * MARGIN;
+const HEIGHT: usize = HEAD + SLICE + CHART + 4 * MARGIN;
+/// Pixels per sample of a slice.
+const STRIDE: usize = 2;
+/// Points at which a truncated cell is judged.
+const POINTS: usize = 400;
+/// Numbers of coefficients on the curve.
+const MARKS: usize = 16;
+/// Smallest and greatest root mean square drawn; differences below are rounding.
+const LEAST: f64 = 1e-9;
+
+/// How the error falls: numbers of coefficients kept, and root mean squares.
+pub type Curve = Vec<(usize, f64)>;
+
+/// A cell drawn, beside its source if there is one.
+pub struct Plot {
+    /// The picture.
+    pub image: Image,
+    /// The curve in it; empty where the cell is no single series.
+    pub curve: Curve,
+}
+
+/// Where a slice lies: its middle, two directions of unit length, and its name.
+struct Plane {
+    centre: Vec3,
+    across: Vec3,
+    up: Vec3,
+    name: String,
+}
+
+fn planes(element: Element) -> Vec<Plane> {
+    let own = element.cell_box();
+    let (min, max) = (own.min, own.max);
+    let middle = (min + max) / 2.0;
+    let level = |z: f64, name: String| Plane {
+        centre: Vec3::new(middle.x, middle.y, z),
+        across: Vec3::x(),
+        up: Vec3::y(),
+        name,
+    };
+    if element.dimension() == 2 {
+        return vec![level(0.0, "the plane".into())];
+    }
+    let z = element.centroid().0.z;
+    let above = (z + max.z) / 2.0;
+    // Upright through the axis and a vertex.
+    let vertex = element.vertices()[0];
+    let across = Vec3::new(vertex.x, vertex.y, 0.0).normalize() * -1.0;
+    vec![
+        level(z, format!("z = {z:.3}")),
+        level(above, format!("z = {above:.3}")),
+        Plane {
+            centre: Vec3::new(0.0, 0.0, middle.z),
+            across,
+            up: Vec3::z(),
+            name: format!("through ({:.2}, {:.2}) and z", across.x, across.y),
+        },
+    ]
+}
+
+/// Draws a cell.
+pub fn plot(cell: &Cell, source: Option<&Source>) -> Plot {
+    let element = cell.element();
+    let mut canvas = Canvas::new(WIDTH, HEIGHT);
+    let own = element.cell_box();
+    // An upright slice through the edges of the cube is 1.41 wide.
+    let reach = (own.max - own.min).norm() * 0.43;
+    for (n, plane) in planes(element).iter().enumerate() {
+        let x = MARGIN + n * (SLICE + MARGIN);
+        slice(&mut canvas, [x, HEAD + MARGIN], cell, source, plane, reach);
+        canvas.text(x, HEAD + SLICE + 2 * MARGIN + 4, &plane.name, INK);
+    }
+    head(&mut canvas, cell, source);
+    let curve = curve(cell, source);
+    chart(&mut canvas, &curve, source.is_some());
+    facts(&mut canvas, cell);
+    Plot {
+        image: canvas.image(),
+        curve,
+    }
+}
+
+fn head(canvas: &mut Canvas, cell: &Cell, source: Option<&Source>) {
+    let what = source.map_or("", |s| s.report().kind.name());
+    let title = format!(
+        "{}: a {} cell, group {}, {} coefficients",
+        cell.name(),
+        cell.element().name(),
+        cell.group(),
+        cell.form().coefficients()
+    );
+    canvas.title(MARGIN, 12, &title, INK);
+    canvas.text(MARGIN, 38, "surface of the cell", INK);
+    if source.is_some() {
+        canvas.text(
+            MARGIN + 150,
+            38,
+            &format!("surface of its source ({what})"),
+            RED,
+        );
+    }
+}
+
+/// Values over a slice, one for every STRIDE pixels and one more at the ends.
+fn sampled(plane: &Plane, reach: f64, value: impl Fn(CellPoint<3>) -> f64 + Sync) -> Vec<f64> {
+    let count = SLICE / STRIDE + 1;
+    let step = 2.0 * reach / (count - 1) as f64;
+    (0..count * count)
+        .into_par_iter()
+        .map(|n| {
+            let (row, column) = ((n / count) as f64, (n % count) as f64);
+            let p = plane.centre
+                + plane.across * (column * step - reach)
+                + plane.up * (reach - row * step);
+            value(CellPoint(p))
+        })
+        .collect()
+}
+
+/// Between the samples.
+fn between(values: &[f64], x: usize, y: usize) -> f64 {
+    let count = SLICE / STRIDE + 1;
+    let (i, j) = (x / STRIDE, y / STRIDE);
+    let (u, v) = (
+        (x % STRIDE) as f64 / STRIDE as f64,
+        (y % STRIDE) as f64 / STRIDE as f64,
+    );
+    let at = |i: usize, j: usize| values[j.min(count - 1) * count + i.min(count - 1)];
+    let row = |j| at(i, j) * (1.0 - u) + at(i + 1, j) * u;
+    row(j) * (1.0 - v) + row(j + 1) * v
+}
+
+fn slice(
+    canvas: &mut Canvas,
+    corner: [usize; 2],
+    cell: &Cell,
+    source: Option<&Source>,
+    plane: &Plane,
+    reach: f64,
+) {
+    let element = cell.element();
+    let own = sampled(plane, reach, |p| cell.value(p));
+    let theirs = source.map(|s| sampled(plane, reach, |p| s.value(p)));
+    let edge = sampled(plane, reach, |p| element.face_distance(p));
+    let scale = own.iter().map(|v| v.abs()).fold(0.0, f64::max).max(1e-12);
+    let crosses = |values: &[f64], x: usize, y: usize| {
+        let here = between(values, x, y) < 0.0;
+        let beside = |x, y| (between(values, x, y) < 0.0) != here;
+        beside(x + 1, y) || beside(x, y + 1)
+    };
+    for y in 0..SLICE {
+        for x in 0..SLICE {
+            let v = between(&own, x, y);
+            let outside = between(&edge, x, y) > 1e-9;
+            let mut shade = Shade::of(v / scale, outside);
+            if crosses(&edge, x, y) {
+                shade = Shade(PALE);
+            }
+            let marks = [(theirs.as_ref(), RED), (Some(&own), INK)];
+            for (values, color) in marks {
+                if values.is_some_and(|values| crosses(values, x, y)) {
+                    shade = Shade(color).faded(outside);
+                }
+            }
+            canvas.pixel(corner[0] + x, corner[1] + y, shade);
+        }
+    }
+}
+
+/// Points spread evenly over the element.
+fn points(element: Element) -> Vec<CellPoint<3>> {
+    let own = element.cell_box();
+    // Multiples of powers of the inverse of the root of x^4 = x + 1, modulo 1: no two are near.
+    let g = 1.220_744_084_605_759_5_f64;
+    let steps = [1.0 / g, 1.0 / (g * g), 1.0 / (g * g * g)];
+    (1..20 * POINTS)
+        .map(|n| {
+            let at = Vec3::from(steps.map(|s| (n as f64 * s + 0.5).fract()));
+            CellPoint(own.min + at.component_mul(&(own.max - own.min)))
+        })
+        .filter(|p| element.face_distance(*p) <= 0.0)
+        .take(POINTS)
+        .collect()
+}
+
+/// The root mean square error when only so many coefficients are kept.
+fn curve(cell: &Cell, source: Option<&Source>) -> Curve {
+    let form = cell.form();
+    match (form.series(), form.planar()) {
+        (Some(series), _) => truncated(cell, source, series, |p| p),
+        (_, Some(series)) => truncated(cell, source, series, |p| CellPoint(p.0.xy())),
+        _ => Curve::new(),
+    }
+}
+
+fn truncated<const D: usize>(
+    cell: &Cell,
+    source: Option<&Source>,
+    series: &Series<D>,
+    place: impl Fn(CellPoint<3>) -> CellPoint<D> + Sync,
+) -> Curve {
+    let points = points(cell.element());
+    let targets: Vec<f64> = points
+        .iter()
+        .map(|p| source.map_or_else(|| series.value(place(*p)), |s| s.value(*p)))
+        .collect();
+    let weight = |k, c: [f64; 2]| {
+        let size = series.group().orbit(k).members.len() as f64;
+        c[0].hypot(c[1]) * size.sqrt()
+    };
+    let mut terms: Vec<_> = series
+        .coefficients()
+        .iter()
+        .map(|t| (weight(t.k, t.c), (t.k, t.c)))
+        .collect();
+    terms.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let terms: Vec<_> = terms.into_iter().map(|t| t.1).collect();
+    let mut counts: Vec<usize> = (0..=MARKS)
+        .map(|i| (terms.len() as f64).powf(i as f64 / MARKS as f64).round() as usize)
+        .collect();
+    counts.dedup();
+    counts
+        .into_iter()
+        .filter_map(|count| {
+            let kept = &terms[..count];
+            let (group, lattice) = (series.group().clone(), series.lattice().clone());
+            let part = Series::new(group, lattice, kept).ok()?;
+            let square: f64 = points
+                .par_iter()
+                .zip(&targets)
+                .map(|(p, g)| (part.value(place(*p)) - g).powi(2))
+                .collect::<Vec<_>>()
+                .into_iter()
+                .sum();
+            Some((count, (square / points.len() as f64).sqrt()))
+        })
+        .collect()
+}
+
+fn chart(canvas: &mut Canvas, curve: &[(usize, f64)], against_source: bool) {
+    let (left, top) = (MARGIN + 70, HEAD + SLICE + 3 * MARGIN + 16);
+    let (width, height) = (2 * SLICE - 100, CHART - 60);
+    let shown: Vec<&(usize, f64)> = curve.iter().filter(|c| c.1 > LEAST).collect();
+    if shown.len() < 2 {
+        canvas.text(left, top, "no curve: the cell is no single series", INK);
+        return;
+    }
+    let most = shown[shown.len() - 1].0.max(2) as f64;
+    let logs = shown.iter().map(|c| c.1.log10());
+    let (mut low, mut high) = logs.fold((f64::MAX, f64::MIN), |(l, h), v| (l.min(v), h.max(v)));
+    (low, high) = (low.floor(), high.ceil().max(low.floor() + 1.0));
+    let x = |count: f64| left + (count.ln() / most.ln() * width as f64).round() as usize;
+    let y = |log: f64| top + ((high - log) / (high - low) * height as f64).round() as usize;
+    canvas.frame([left, top], [left + width, top + height], INK);
+    for decade in low as i32..=high as i32 {
+        let at = y(f64::from(decade));
+        canvas.line([left, at], [left + width, at], PALE);
+        canvas.text(left - 50, at - 5, &format!("1e{decade}"), INK);
+    }
+    for count in [1usize, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000] {
+        if (count as f64) <= most {
+            let at = x(count as f64);
+            canvas.line([at, top], [at, top + height], PALE);
+            canvas.text(at - 6, top + height + 8, &count.to_string(), INK);
+        }
+    }
+    for pair in shown.windows(2) {
+        let ends = [pair[0], pair[1]].map(|c| [x(c.0 as f64), y(c.1.log10())]);
+        canvas.thick_line(ends[0], ends[1], RED);
+    }
+    let what = if against_source {
+        "source"
+    } else {
+        "whole cell"
+    };
+    let label = format!("rms difference to the {what} when only the largest coefficients are kept");
+    canvas.text(left, top - 16, &label, INK);
+    canvas.text(
+        left + width - 130,
+        top + height + 24,
+        "coefficients kept",
+        INK,
+    );
+}
+
+fn facts(canvas: &mut Canvas, cell: &Cell) {
+    let (left, mut top) = (
+        2 * (SLICE + MARGIN) + MARGIN,
+        HEAD + SLICE + 3 * MARGIN + 16,
+    );
+    let mut lines = vec![
+        format!("frequencies to {:.2}", cell.form().band_limit()),
+        format!("solid {} {:.5}", cell.solid().name(), cell.level()),
+        format!("volume fraction {:.4}", cell.volume_fraction()),
+        format!("mean slope {:.4}", cell.gamma()),
+    ];
+    if let Some(r) = cell.report() {
+        lines.push(format!("fit rms {:.5}", r.rms));
+        lines.push(format!(
+            "greatest on faces {:.5}, edges {:.5}",
+            r.face_max, r.edge_max
+        ));
+        lines.push(format!("kept energy {:.5}", r.kept_energy));
+        if let Some(h) = r.hausdorff {
+            lines.push(format!("Hausdorff distance {:.5}", h.max()));
+        }
+        if let Some(c) = r.components {
+            let line = format!("pieces {} of solid, {} of void", c.cell_solid, c.cell_void);
+            lines.push(line);
+        }
+    }
+    for line in lines {
+        canvas.text(left, top, &line, INK);
+        top += 20;
+    }
+}
