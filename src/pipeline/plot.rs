@@ -65,7 +65,7 @@ fn planes(element: Element) -> Vec<Plane> {
         return vec![level(0.0, "the plane".into())];
     }
     let z = element.centroid().0.z;
-    let above = (z + max.z) / 2.0;
+    let above = f64::midpoint(z, max.z);
     // Upright through the axis and a vertex.
     let vertex = element.vertices()[0];
     let across = Vec3::new(vertex.x, vertex.y, 0.0).normalize() * -1.0;
@@ -261,8 +261,8 @@ fn truncated<const D: usize>(
 }
 
 fn chart(canvas: &mut Canvas, curve: &[(usize, f64)], against_source: bool) {
-    let (left, top) = (MARGIN + 70, HEAD + SLICE + 3 * MARGIN + 16);
-    let (width, height) = (2 * SLICE - 100, CHART - 60);
+    let (left, top) = (MARGIN + 70, HEAD + SLICE + 3 * MARGIN + 34);
+    let (width, height) = (2 * SLICE - 100, CHART - 78);
     let shown: Vec<&(usize, f64)> = curve.iter().filter(|c| c.1 > LEAST).collect();
     if shown.len() < 2 {
         canvas.text(left, top, "no curve: the cell is no single series", INK);
@@ -274,7 +274,6 @@ fn chart(canvas: &mut Canvas, curve: &[(usize, f64)], against_source: bool) {
     (low, high) = (low.floor(), high.ceil().max(low.floor() + 1.0));
     let x = |count: f64| left + (count.ln() / most.ln() * width as f64).round() as usize;
     let y = |log: f64| top + ((high - log) / (high - low) * height as f64).round() as usize;
-    canvas.frame([left, top], [left + width, top + height], INK);
     for decade in low as i32..=high as i32 {
         let at = y(f64::from(decade));
         canvas.line([left, at], [left + width, at], PALE);
@@ -287,6 +286,7 @@ fn chart(canvas: &mut Canvas, curve: &[(usize, f64)], against_source: bool) {
             canvas.text(at - 6, top + height + 8, &count.to_string(), INK);
         }
     }
+    canvas.frame([left, top], [left + width, top + height], INK);
     for pair in shown.windows(2) {
         let ends = [pair[0], pair[1]].map(|c| [x(c.0 as f64), y(c.1.log10())]);
         canvas.thick_line(ends[0], ends[1], RED);

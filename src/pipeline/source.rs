@@ -8,9 +8,9 @@ use crate::cell::{
     Caps, FitError, FitOptions, Method, Placement, Skeleton, SkeletonError, Source, Surface,
     Voxels, band_of_samples, fit_samples, fit_source, graphs, plate_sets,
 };
-use crate::cell::{Cell, CellError};
+use crate::cell::{Cell, CellError, symmetry};
 use crate::field::Formula;
-use crate::frame::{Aabb, Element, LengthUnit, Vec3};
+use crate::frame::{Aabb, Element, LengthUnit, Mat3, Vec3};
 use crate::io::{MeshFormat, Place, ReadError, TEXT_CLOUDS};
 use crate::mesh::{CloudSolid, TriMesh};
 use crate::recipe::{self, Brief, CellPlace, CellSection, FileFrame, FileRef, Short};
@@ -43,6 +43,8 @@ impl From<SkeletonError> for CellFault {
 /// Radius of struts, and thickness of plates, that say none: reference lengths.
 const RADIUS: f64 = 0.1;
 const THICKNESS: f64 = 0.1;
+/// Share of a source's energy below which another origin is looked for.
+const LITTLE: f64 = 0.9;
 
 /// What reading a source found beside it.
 #[derive(Default)]
@@ -220,7 +222,18 @@ impl Reader<'_> {
             self.transformed(name, section, (element, file, options), found)?
         } else {
             let source = self.source(section, element, found)?;
-            fit_source(name, element, &source, &options, self.session.progress)?
+            let fitted = fit_source(name, element, &source, &options, self.session.progress);
+            let cell = match fitted {
+                Err(e @ FitError::NoSymmetricPart { .. }) => {
+                    let advice = elsewhere(&source, element)?;
+                    return Err(CellFault::Rule(format!("{e}: {advice}")).into());
+                }
+                other => other?,
+            };
+            if cell.report().is_some_and(|r| r.kept_energy < LITTLE) {
+                found.warn(Warning::CELL, &[elsewhere(&source, element)?]);
+            }
+            cell
         };
         found.warn(Warning::CELL, cell.report().map_or(&[], |r| &r.warnings));
         Ok(cell)
@@ -236,6 +249,35 @@ fn natural_samples<'a>(section: &'a CellSection, options: &FitOptions) -> Option
         .is_some_and(|p| *p != CellPlace::Reference);
     (options.method == Method::Fft && !placed && !has_extension(&file.path, &["vdb"]))
         .then_some(file)
+}
+
+/// About which origin most of a source would be kept, and how to place it there.
+fn elsewhere(source: &Source, element: Element) -> Result<String, CellFault> {
+    let operators = whole_group(element)?;
+    let here = source.best_origin(element, &operators);
+    let [x, y, z] = here.place;
+    Ok(format!(
+        "of 8 origins along each axis ({x}, {y}, {z}) keeps most, {:.3} of its energy{}",
+        here.kept,
+        if here.kept > LITTLE {
+            format!(": place = {{ translate = [{}, {}, {}] }}", -x, -y, -z)
+        } else {
+            ", so that no placement makes it symmetric; a smaller group (C1 has none) keeps it, in \
+             scaffolds whose elements are all turned alike"
+                .to_owned()
+        }
+    ))
+}
+
+/// The Cartesian operators of an element's whole group.
+fn whole_group(element: Element) -> Result<Vec<Mat3>, CellError> {
+    if element.dimension() == 3 {
+        let (group, lattice) = symmetry::<3>(element, None, None)?;
+        return Ok(group.cartesian(&lattice));
+    }
+    let (group, lattice) = symmetry::<2>(element, None, None)?;
+    let in_space = |q: &nalgebra::Matrix2<f64>| q.to_homogeneous();
+    Ok(group.cartesian(&lattice).iter().map(in_space).collect())
 }
 
 /// Why a source cannot be had: its keys and its geometry, or its file.

@@ -1,7 +1,7 @@
 //! Whether a cell that lacks symmetries meets itself across the faces of a scaffold of hexes.
 //!
 //! Across a shared face the reference coordinates of two hexes must differ by a symmetry Q of the cell
-//! and a translation: xi_A = Q xi_B + t at the face's corners. Then t joins opposite faces of the unit
+//! and a translation t: `xi_A = Q xi_B + t` at the face's corners. Then t joins opposite faces of the unit
 //! cube, a period of every cell of the hex, and both elements see the same function on the face.
 
 use crate::frame::{CellPoint, Mat3, Vec3};

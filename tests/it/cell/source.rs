@@ -2,7 +2,7 @@
 
 use druse::cell::{
     Caps, FitError, FitOptions, Placement, Skeleton, SkeletonError, Source, Surface, VoxelError,
-    Voxels, default_group, fit_source, graphs, lattices, plate_sets,
+    Voxels, default_group, fit_source, graphs, lattices, plate_sets, symmetry,
 };
 use druse::field::{Field, Formula};
 use druse::frame::{CellPoint, Element, Vec3};
@@ -361,4 +361,23 @@ fn loose_triangles_bound_what_their_winding_number_does() {
         text.contains("[8.7") && text.contains("[-0.5, -0.5, -0.5]"),
         "{text}"
     );
+}
+
+#[test]
+fn the_best_origin_is_where_the_symmetry_is() {
+    let (group, lattice) = symmetry::<3>(Element::Hex, None, None).unwrap();
+    let operators = group.cartesian(&lattice);
+    let best = |text: &str| {
+        let formula = Formula::parse(text, &["x", "y", "z"]).unwrap();
+        let source = Source::formula(Element::Hex, formula, &HERE).unwrap();
+        source.best_origin(Element::Hex, &operators)
+    };
+    // Schwarz P moved by (1/4, 1/8, 0); its other centre is half a diagonal away.
+    let moved = best("cos(tau*(x - 0.25)) + cos(tau*(y - 0.125)) + cos(tau*z)");
+    assert!(moved.kept > 1.0 - 1e-9);
+    assert_eq!(moved.place, [0.25, 0.125, 0.0]);
+    // A quarter of the gyroid survives about (1, 1, 1)/8, and nothing more anywhere.
+    let gyroid = "sin(tau*x)*cos(tau*y) + sin(tau*y)*cos(tau*z) + sin(tau*z)*cos(tau*x)";
+    let gyroid = best(gyroid);
+    assert!((gyroid.kept - 0.25).abs() < 0.06, "{gyroid:?}");
 }
