@@ -15,8 +15,11 @@
 pub mod atomic;
 mod cell;
 mod cloud;
+mod collector;
 mod error;
+mod facets;
 mod graph;
+mod inp;
 mod mesh_file;
 mod msh;
 mod npy;
@@ -36,6 +39,9 @@ pub use error::{ErrorClass, Place, ReadError, WriteError};
 pub use graph::read_skeleton;
 pub use mesh_file::{MeshFile, MeshFormat, is_point_cloud, read_mesh, sniff, write_mesh};
 pub use npy::{NpyArray, read_npy};
-pub use scaffold::{Group, ScaffoldFile, read_scaffold};
+pub use scaffold::{
+    DataField, ELEMENT_FORMATS, ElementFile, FieldAt, Group, ScaffoldFile, SurfaceFile,
+    read_elements, read_scaffold,
+};
 pub use source::{Source, quote};
 pub use vtk::write_vtu;

@@ -30,6 +30,7 @@ mod operate;
 mod output;
 mod plot;
 mod report;
+mod scaffold;
 mod shape;
 mod source;
 mod stock;

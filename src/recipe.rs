@@ -50,7 +50,10 @@ pub use output::{Cut, Output, OutputKind, PictureSize};
 pub use quantity::{
     Finite, Fraction, HalfWidth, Length, Positive, QuantityError, Scale, Size, Unit, Width,
 };
-pub use scaffold::{BandSection, Boundary, BoxScaffold, Distance, ScaffoldSection, TilingSection};
+pub use scaffold::{
+    BandSection, Boundary, BoxKind, BoxScaffold, CylinderScaffold, Distance, FillKind, FillScaffold,
+    Plate, ScaffoldSection, Shell, SphereScaffold, TilingSection,
+};
 pub use source::Source;
 
 /// The version of the recipe's words that this program reads.

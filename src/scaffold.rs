@@ -25,19 +25,25 @@ mod bernstein;
 mod boundary;
 mod cell_box;
 mod defects;
+mod divide;
 mod grid;
 mod kind;
 mod map;
 mod orientation;
+mod pyramid;
 mod report;
+mod round;
+mod surface;
 mod topology;
 
 pub use boundary::Boundary;
 pub use defects::{Defects, StrayNode, TornFace};
+pub use divide::Divided;
 pub use kind::{FaceNodes, Kind};
 pub use map::{ElementMap, InverseError};
 pub use orientation::Orientation;
 pub use report::{BadElement, InvalidScaffold, ScaffoldReport, Spot};
+pub use surface::Surface;
 pub use topology::{FaceRef, Neighbour};
 
 use crate::frame::{Aabb, CellPoint, Vec3, WorldPoint};
@@ -55,7 +61,7 @@ pub const INSIDE: f64 = 1e-9;
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum ScaffoldError {
     /// Nothing to fill.
-    #[error("no solid elements; expected at least one tetrahedron or hexahedron")]
+    #[error("no solid elements; expected at least one tetrahedron, hexahedron, wedge or pyramid")]
     Empty,
     /// Too many to number.
     #[error("{found} {what}; at most {} are supported", u32::MAX - 1)]
@@ -74,6 +80,17 @@ pub enum ScaffoldError {
         kind: Kind,
         /// Nodes given.
         found: usize,
+    },
+    /// A planar element among solids, or a solid one on a surface.
+    #[error(
+        "element {element} ({}): a {}", kind.name(),
+        if kind.is_planar() { "surface element; expected solids" } else { "solid; expected triangles or quads" }
+    )]
+    Dimension {
+        /// The element's number.
+        element: usize,
+        /// Its kind.
+        kind: Kind,
     },
     /// A node number beyond the nodes.
     #[error("element {element} ({}): node {node} does not exist; there are {nodes} nodes", kind.name())]
@@ -105,8 +122,47 @@ pub enum ScaffoldError {
         /// Cells per axis.
         counts: [usize; 3],
     },
+    /// A ball or cylinder without size.
+    #[error("a radius or height of {radius} in cells of {cell}; expected positive lengths")]
+    BadRound {
+        /// The radius or height.
+        radius: f64,
+        /// The size of a cell.
+        cell: f64,
+    },
+    /// An element that cannot be divided so.
+    #[error(
+        "{what}: element {element} ({}) cannot be cut so; {}", kind.name(),
+        if kind.shape() == crate::frame::Element::Pyramid {
+            "remesh without pyramids (gmsh: Mesh.SubdivisionAlgorithm = 2 for hexes only)"
+        } else {
+            "use refine, or all_hex before repeat"
+        }
+    )]
+    NoParts {
+        /// The element's number.
+        element: u64,
+        /// Its kind.
+        kind: Kind,
+        /// How it should have been cut.
+        what: &'static str,
+    },
+    /// A number of repetitions that cannot be.
+    #[error("repeat = {0}; expected 1 to 64")]
+    BadRepeat(u32),
+    /// A thickness that makes no solid of a surface.
+    #[error("a thickness of {0}; expected a positive length")]
+    BadThickness(f64),
+    /// A node of a surface around which its elements face all ways.
+    #[error("node {node} at ({}, {}, {}): the elements there have no common outside; expected a surface with two sides", at[0], at[1], at[2])]
+    NoNormal {
+        /// The node's number.
+        node: usize,
+        /// Its coordinates.
+        at: [f64; 3],
+    },
     /// A box of elements that no grid makes.
-    #[error("a box of {} elements; expected Hex8 or Tet4", .0.name())]
+    #[error("a box of {} elements; expected Hex8, Tet4, Wedge6 or Pyramid5", .0.name())]
     BadBoxKind(Kind),
 }
 
@@ -174,7 +230,7 @@ impl Scaffold {
     /// Any [`ScaffoldError`] but those of a box. Folded, duplicate or disconnected elements are no
     /// error here: [`Scaffold::validate`] judges the shape of things.
     pub fn new(nodes: Vec<Vec3>, elements: Connectivity) -> Result<Self, ScaffoldError> {
-        check(&nodes, &elements)?;
+        check(&nodes, &elements, false)?;
         let geometry: Vec<Geometry> = (0..elements.len())
             .into_par_iter()
             .map(|e| {
@@ -305,7 +361,11 @@ impl std::fmt::Debug for Scaffold {
     }
 }
 
-fn check(nodes: &[Vec3], elements: &Connectivity) -> Result<(), ScaffoldError> {
+fn check(
+    nodes: &[Vec3],
+    elements: &Connectivity,
+    planar: bool,
+) -> Result<(), ScaffoldError> {
     if elements.is_empty() {
         return Err(ScaffoldError::Empty);
     }
@@ -325,6 +385,9 @@ fn check(nodes: &[Vec3], elements: &Connectivity) -> Result<(), ScaffoldError> {
     }
     for element in 0..elements.len() {
         let (kind, own) = (elements.kind(element), elements.nodes(element));
+        if kind.is_planar() != planar {
+            return Err(ScaffoldError::Dimension { element, kind });
+        }
         if own.len() != kind.node_count() {
             return Err(ScaffoldError::NodeCount {
                 element,

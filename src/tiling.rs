@@ -29,6 +29,7 @@ use crate::mesh::MeshSolid;
 use crate::scaffold::Scaffold;
 
 mod bound;
+mod clamp;
 mod exact;
 mod fill;
 mod near;

@@ -47,7 +47,7 @@ fn recipe(path: &Path) -> Result<(String, Value), Failure> {
         .collect();
     let scaffold = s.scaffold.as_ref().map(|scaffold| match &scaffold.file {
         Some(file) => file.path.display().to_string(),
-        None => "a box".to_owned(),
+        None => scaffold.sources().concat(),
     });
     let voxel = recipe.scale().voxel_size;
     let mut text = format!("{}: a recipe in {}\n", path.display(), recipe.unit());

@@ -20,7 +20,7 @@ pub(super) enum FileKind {
 }
 
 /// Extensions and what they mean.
-const TABLE: [(&str, FileKind); 10] = [
+const TABLE: [(&str, FileKind); 12] = [
     ("toml", FileKind::Recipe),
     ("cell", FileKind::Cell),
     ("stl", FileKind::Mesh),
@@ -30,6 +30,8 @@ const TABLE: [(&str, FileKind); 10] = [
     ("msh", FileKind::Scaffold),
     ("vtu", FileKind::Scaffold),
     ("vtk", FileKind::Scaffold),
+    ("inp", FileKind::Scaffold),
+    ("off", FileKind::Scaffold),
     ("vdb", FileKind::Vdb),
 ];
 

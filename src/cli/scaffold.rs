@@ -1,7 +1,9 @@
-//! `druse scaffold info FILE`.
+//! `druse scaffold info FILE` and `druse scaffold check FILE`.
 
 use super::{Answer, Failure, Session};
-use crate::io::read_scaffold;
+use crate::io::{
+    DataField, ElementFile, FieldAt, ScaffoldFile, SurfaceFile, read_elements,
+};
 use crate::scaffold::ScaffoldReport;
 use clap::{Args, Subcommand};
 use serde_json::{Value, json};
@@ -18,20 +20,116 @@ pub(super) struct Parameters {
 enum What {
     /// Kinds and number of elements, quality, inverted and degenerate elements, hanging nodes.
     Info {
-        /// The mesh: .msh, .vtu or .vtk.
+        /// The mesh: .msh, .vtu, .vtk or .inp; of surfaces also .off, .obj, .ply, .stl.
+        file: PathBuf,
+        /// Write the elements with their quality for a look in ParaView or pyvista.
+        #[arg(short, long, value_name = "X.vtu")]
+        output: Option<PathBuf>,
+    },
+    /// Whether a mesh can be filled and fits together; exit code 1 when it does not.
+    Check {
+        /// The mesh.
         file: PathBuf,
     },
 }
 
 pub(super) fn answer(p: &Parameters, _: &Session) -> Result<Answer, Failure> {
-    let What::Info { file } = &p.what;
-    let (text, facts) = describe(file)?;
-    Ok(Answer::new(text, facts))
+    match &p.what {
+        What::Info { file, output } => {
+            let (text, facts) = describe(file)?;
+            if let Some(output) = output {
+                write(file, output)?;
+            }
+            Ok(Answer::new(text, facts))
+        }
+        What::Check { file } => {
+            let (mut text, facts) = describe(file)?;
+            let is_empty = |key: &str| {
+                let list = facts[key].as_array();
+                list.is_none_or(Vec::is_empty)
+            };
+            let passed = ["inverted", "degenerate", "warnings"].into_iter().all(is_empty);
+            text.push_str(if passed { "sound\n" } else { "NOT sound\n" });
+            Ok(Answer::new(text, facts).verdict(passed))
+        }
+    }
+}
+
+/// Writes a scaffold with its quality.
+fn write(path: &Path, output: &Path) -> Result<(), Failure> {
+    let file = crate::io::read_scaffold(path)?;
+    let quality: Vec<f64> = file.scaffold.elements().map(|e| e.quality()).collect();
+    let volume: Vec<f64> = file.scaffold.elements().map(|e| e.volume()).collect();
+    let number: Vec<f64> = (0..file.scaffold.len())
+        .map(|e| file.scaffold.number(e) as f64)
+        .collect();
+    let fields: [(&str, &[f64]); 3] =
+        [("quality", &quality), ("volume", &volume), ("number", &number)];
+    crate::io::write_vtu(output, &file.scaffold, &fields)?;
+    Ok(())
+}
+
+/// What a mesh of elements is, for people and for programs.
+pub(super) fn describe(path: &Path) -> Result<(String, Value), Failure> {
+    match read_elements(path)? {
+        ElementFile::Solids(file) => Ok(describe_solids(path, &file)),
+        ElementFile::Surface(file) => Ok(describe_surface(path, &file)),
+    }
+}
+
+fn fields_of(fields: &[DataField], text: &mut String) -> Vec<Value> {
+    let mut all = Vec::new();
+    for field in fields {
+        let at = match field.at {
+            FieldAt::Points => "points",
+            FieldAt::Cells => "cells",
+        };
+        let _ = writeln!(
+            text,
+            "field {:?}: {} number{} at {at}",
+            field.name,
+            field.components,
+            if field.components == 1 { "" } else { "s" }
+        );
+        all.push(json!({ "name": field.name, "at": at, "components": field.components }));
+    }
+    all
+}
+
+fn describe_surface(path: &Path, file: &SurfaceFile) -> (String, Value) {
+    let kinds = file.surface.kinds();
+    let listed: Vec<String> = kinds.iter().map(|(k, n)| format!("{n} {}", k.name())).collect();
+    let bounds = file.surface.bounds();
+    let [min, max] = [bounds.min, bounds.max].map(|v| [v.x, v.y, v.z]);
+    let mut text = format!(
+        "{}: a surface of {}, {} nodes\nbox {min:?} to {max:?}\n",
+        path.display(),
+        listed.join(", "),
+        file.surface.nodes().len()
+    );
+    for group in &file.groups {
+        let _ = writeln!(text, "group {:?}: {} elements", group.name, group.elements.len());
+    }
+    let fields = fields_of(&file.fields, &mut text);
+    let kinds: serde_json::Map<String, Value> = kinds
+        .iter()
+        .map(|(k, n)| (k.name().to_owned(), json!(n)))
+        .collect();
+    let groups: Vec<Value> = file
+        .groups
+        .iter()
+        .map(|g| json!({ "name": g.name, "elements": g.elements.len() }))
+        .collect();
+    let facts = json!({
+        "kind": "surface", "path": path.display().to_string(), "elements": kinds,
+        "nodes": file.surface.nodes().len(), "box": [min, max], "groups": groups,
+        "fields": fields, "skipped": file.skipped,
+    });
+    (text, facts)
 }
 
 /// What a scaffold is, for people and for programs.
-pub(super) fn describe(path: &Path) -> Result<(String, Value), Failure> {
-    let file = read_scaffold(path)?;
+fn describe_solids(path: &Path, file: &ScaffoldFile) -> (String, Value) {
     let report = file.scaffold.report();
     let groups: Vec<Value> = file
         .groups
@@ -46,6 +144,8 @@ pub(super) fn describe(path: &Path) -> Result<(String, Value), Failure> {
         .map(|(k, n)| (k.name().to_owned(), json!(n)))
         .collect();
     let [min, max] = [report.bounds.min, report.bounds.max].map(|v| [v.x, v.y, v.z]);
+    let mut fields_text = String::new();
+    let fields = fields_of(&file.fields, &mut fields_text);
     let facts = json!({
         "kind": "scaffold",
         "path": path.display().to_string(),
@@ -63,6 +163,7 @@ pub(super) fn describe(path: &Path) -> Result<(String, Value), Failure> {
         "components": report.components,
         "outer_faces": report.outer_faces,
         "groups": groups,
+        "fields": fields,
         "skipped": file.skipped,
         "warnings": report.warnings(),
     });
@@ -75,10 +176,11 @@ pub(super) fn describe(path: &Path) -> Result<(String, Value), Failure> {
             group.elements.len()
         );
     }
+    text.push_str(&fields_text);
     for warning in report.warnings() {
         let _ = writeln!(text, "note: {warning}");
     }
-    Ok((text, facts))
+    (text, facts)
 }
 
 fn screen(path: &Path, r: &ScaffoldReport) -> String {

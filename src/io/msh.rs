@@ -1,13 +1,14 @@
 //! Gmsh meshes, `.msh` 2.2 and 4.1, text and binary.
 //!
-//! Only solid elements are kept, their nodes put into VTK order; points, lines and surfaces are
-//! counted and passed over. Physical volumes become groups. Reading ends after `$Elements`: what
+//! Solid elements are kept, their nodes put into VTK order, or where there are none the surface
+//! elements; points and lines are counted and passed over. Physical volumes and surfaces become groups. Reading ends after `$Elements`: what
 //! may follow (periodic links, post-processing data) is no business of ours.
 
 mod v2;
 mod v4;
 
-use super::scaffold::{Collector, ScaffoldFile};
+use super::collector::Collector;
+use super::scaffold::ElementFile;
 use super::tokens::{Encoding, Tokens};
 use super::{Place, ReadError, Source, quote};
 use crate::scaffold::Kind;
@@ -15,20 +16,11 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 /// Dimension, nodes and name of the Gmsh element types that we know of but for those of [`Kind`].
-const OTHERS: [(u32, u8, u8, &str); 28] = [
+const OTHERS: [(u32, u8, u8, &str); 19] = [
     (1, 1, 2, "line"),
-    (2, 2, 3, "triangle"),
-    (3, 2, 4, "quadrangle"),
-    (6, 3, 6, "wedge (6 nodes)"),
-    (7, 3, 5, "pyramid (5 nodes)"),
     (8, 1, 3, "line"),
-    (9, 2, 6, "triangle"),
-    (10, 2, 9, "quadrangle"),
-    (13, 3, 18, "wedge (18 nodes)"),
     (14, 3, 14, "pyramid (14 nodes)"),
     (15, 0, 1, "point"),
-    (16, 2, 8, "quadrangle"),
-    (18, 3, 15, "wedge (15 nodes)"),
     (19, 3, 13, "pyramid (13 nodes)"),
     (20, 2, 9, "triangle"),
     (21, 2, 10, "triangle"),
@@ -48,16 +40,28 @@ const OTHERS: [(u32, u8, u8, &str); 28] = [
 
 /// What an element type means to us.
 enum Type {
-    Solid(Kind),
-    /// A point, line or surface of this many nodes.
+    Known(Kind),
+    /// A point, a line or a surface of higher order, of this many nodes.
     Flat(usize),
+}
+
+/// Groups of surfaces are numbered from here, so that volumes may have the same numbers.
+const SURFACES: i64 = 1 << 32;
+
+/// The number of a physical group among those of all dimensions.
+fn group_of(dimension: u8, number: i64) -> i64 {
+    number.rem_euclid(SURFACES) + if dimension == 2 { SURFACES } else { 0 }
+}
+
+fn dimension(kind: Kind) -> u8 {
+    kind.shape().dimension() as u8
 }
 
 /// Reads a `.msh` file.
 ///
 /// # Errors
 /// When it cannot be read, is damaged, of another version, or holds solids of other kinds.
-pub fn read(path: &Path) -> Result<ScaffoldFile, ReadError> {
+pub fn read(path: &Path) -> Result<ElementFile, ReadError> {
     let mut file = File {
         tokens: Tokens::new(Source::open(path)?),
         collector: Collector::new(path),
@@ -96,14 +100,19 @@ pub fn read(path: &Path) -> Result<ScaffoldFile, ReadError> {
         file.end(&section)?;
     }
     let names = file.names;
-    file.collector.finish(|number| names.get(&number).cloned())
+    let name = |group| {
+        let number = group % SURFACES;
+        let named = names.get(&group).cloned();
+        named.or_else(|| Some(number.to_string()))
+    };
+    file.collector.finish(name)
 }
 
 /// A file being read.
 struct File<'a> {
     tokens: Tokens,
     collector: Collector<'a>,
-    /// Names of physical volumes.
+    /// Names of physical groups by dimension and number.
     names: BTreeMap<i64, String>,
     /// How numbers stand in sections that may be binary.
     binary: Encoding,
@@ -198,10 +207,10 @@ impl File<'_> {
             let (dimension, number, name) = (next(), next(), next().trim());
             let name = name.strip_prefix('"').and_then(|n| n.strip_suffix('"'));
             match (dimension.parse(), number.parse(), name) {
-                (Ok(3), Ok(number), Some(name)) => {
-                    self.names.insert(number, name.to_owned());
+                (Ok(d @ 2..=3), Ok(number), Some(name)) => {
+                    self.names.insert(group_of(d, number), name.to_owned());
                 }
-                (Ok(0..=2), Ok(_), Some(_)) => {}
+                (Ok(0..=1), Ok(_), Some(_)) => {}
                 _ => {
                     let found = quote(line);
                     return Err(self.text_error(found, expected));
@@ -223,7 +232,7 @@ impl File<'_> {
     fn element_type(&self, code: u64, element: u64) -> Result<Type, ReadError> {
         let code = u32::try_from(code).unwrap_or(u32::MAX);
         if let Some(kind) = Kind::from_gmsh(code) {
-            return Ok(Type::Solid(kind));
+            return Ok(Type::Known(kind));
         }
         let path = self.tokens.source.path();
         let place = match self.tokens.encoding {
@@ -238,9 +247,9 @@ impl File<'_> {
                 path,
                 place,
                 format!("a {name}"),
-                "Tet4, Tet10, Hex8, Hex20 or Hex27",
+                super::scaffold::KINDS_READ,
             )
-            .with_hint("mesh with tetrahedra or with hexahedra only, of order 1 or 2")),
+            .with_hint("mesh with elements of order 1 or 2")),
             None => Err(ReadError::data(
                 path,
                 place,
@@ -256,7 +265,8 @@ impl File<'_> {
         for (to, &from) in ordered.iter_mut().zip(kind.gmsh_order()) {
             *to = nodes[from as usize];
         }
+        let groups: Vec<i64> = groups.iter().map(|&g| group_of(dimension(kind), g)).collect();
         self.collector
-            .element(number, kind, &ordered[..nodes.len()], groups);
+            .element(number, kind, &ordered[..nodes.len()], &groups);
     }
 }

@@ -1,7 +1,8 @@
 //! VTK unstructured grids: XML `.vtu` and legacy `.vtk`, text and binary.
 //!
 //! Read by ourselves: files are untrusted, and every count is checked before it is believed. VTK's
-//! node order is ours. Voxels (cell type 11) become Hex8.
+//! node order is ours. Voxels (cell type 11) become Hex8, pixels (8) Quad4.
+//! Point and cell data become fields.
 
 mod array;
 mod legacy;
@@ -12,21 +13,17 @@ pub use legacy::read as read_legacy;
 pub use write::write_vtu;
 pub use xml::read as read_xml;
 
-use super::scaffold::Collector;
+use super::collector::Collector;
 use super::{Place, ReadError};
 use crate::scaffold::Kind;
 use std::path::Path;
 
 /// Names of the solid cell types that we do not fill.
-const SOLIDS: [(u8, &str); 21] = [
-    (13, "wedge"),
-    (14, "pyramid"),
+const SOLIDS: [(u8, &str); 17] = [
     (15, "pentagonal prism"),
     (16, "hexagonal prism"),
-    (26, "quadratic wedge"),
     (27, "quadratic pyramid"),
     (31, "quadratic linear wedge"),
-    (32, "biquadratic wedge"),
     (33, "biquadratic hexahedron (24 nodes)"),
     (37, "triquadratic pyramid"),
     (41, "convex point set"),
@@ -42,10 +39,11 @@ const SOLIDS: [(u8, &str); 21] = [
     (80, "Bezier wedge"),
 ];
 /// Cell types of points, lines and surfaces.
-const FLAT: [u8; 23] = [
-    0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 21, 22, 23, 28, 30, 34, 35, 36, 68, 69, 70, 75, 76,
+const FLAT: [u8; 17] = [
+    0, 1, 2, 3, 4, 6, 7, 21, 30, 34, 35, 36, 68, 69, 70, 75, 76,
 ];
-/// A voxel's nodes in the order of a hexahedron.
+/// A pixel's and a voxel's nodes in the order of a quad and a hexahedron.
+const PIXEL: [usize; 4] = [0, 1, 3, 2];
 const VOXEL: [usize; 8] = [0, 1, 3, 2, 4, 5, 7, 6];
 
 /// Cells as both formats have them: a type each, and where each one's nodes end.
@@ -56,7 +54,7 @@ struct Cells<'a> {
 }
 
 impl Cells<'_> {
-    /// Hands the solid cells over. Points count from `first_point`, cells from `first_cell`.
+    /// Hands the cells over. Points count from `first_point`, cells from `first_cell`.
     fn collect(
         &self,
         path: &Path,
@@ -83,6 +81,8 @@ impl Cells<'_> {
             let cell_type = u8::try_from(cell_type).unwrap_or(u8::MAX);
             let kind = if cell_type == 11 {
                 Kind::Hex8
+            } else if cell_type == 8 {
+                Kind::Quad4
             } else if let Some(kind) = Kind::from_vtk(cell_type) {
                 kind
             } else if FLAT.contains(&cell_type) {
@@ -94,8 +94,8 @@ impl Cells<'_> {
                     || format!("the cell type {cell_type}"),
                     |s| format!("a {} (cell type {cell_type})", s.1),
                 );
-                return Err(bad(found, "Tet4, Tet10, Hex8, Hex20 or Hex27".into())
-                    .with_hint("mesh with tetrahedra or with hexahedra only, of order 1 or 2"));
+                return Err(bad(found, super::scaffold::KINDS_READ.into())
+                    .with_hint("mesh with elements of order 1 or 2"));
             };
             if own.len() != kind.node_count() {
                 let found = format!("{} nodes", own.len());
@@ -104,12 +104,17 @@ impl Cells<'_> {
             }
             let mut nodes = [0; 27];
             for (place, to) in nodes[..own.len()].iter_mut().enumerate() {
-                let node = own[if cell_type == 11 { VOXEL[place] } else { place }];
+                let node = own[match cell_type {
+                    8 => PIXEL[place],
+                    11 => VOXEL[place],
+                    _ => place,
+                }];
                 // A negative number becomes one that no node has.
                 *to = u64::try_from(node).map_or(u64::MAX, |n| first_point + n);
             }
             collector.element(number, kind, &nodes[..own.len()], &[]);
         }
+        collector.cells = first_cell + self.types.len() as u64;
         Ok(())
     }
 }

@@ -129,7 +129,7 @@ pub(super) fn operand<'a>(
 }
 
 /// A field that somebody else owns.
-struct Borrowed<'a, F>(&'a F);
+pub(super) struct Borrowed<'a, F>(pub &'a F);
 
 impl<F: Field> Field for Borrowed<'_, F> {
     type Point = F::Point;

@@ -2,17 +2,15 @@
 
 use super::cells;
 use super::error::{RunError, short};
-use super::inputs::{Inputs, frame_map, hash_text};
-use super::report::{Report, ScaffoldReport, SolidReport, Warning};
-use super::shape::Shape;
+use super::inputs::{Inputs, hash_text};
+use super::report::{Report, SolidReport, Warning};
+use super::scaffold::{self, Loaded};
+use super::shape::{Borrowed, Shape};
 use crate::cell::{Cell, Table};
-use crate::frame::Vec3;
+use crate::field::Intersection;
 use crate::mesh::MeshSolid;
 use crate::progress::{Progress, Threads};
-use crate::recipe::{
-    Boundary, BoxScaffold, Distance, FileFrame, Op, Operand, Recipe, ScaffoldSection, Scale,
-};
-use crate::scaffold::{Kind, Scaffold};
+use crate::recipe::{Boundary, Distance, FileFrame, Op, Operand, Recipe, Scale};
 use crate::tiling::{self, TiledSolid, TilingOptions};
 use crate::vdb::Session;
 use std::collections::BTreeMap;
@@ -30,8 +28,7 @@ pub(super) struct Stock<'a> {
 
 /// A scaffold and the cell that fills it.
 struct Tiling {
-    scaffold: Scaffold,
-    report: ScaffoldReport,
+    loaded: Loaded,
     name: String,
     cell: Cell,
     table: Table,
@@ -87,8 +84,8 @@ impl<'a> Stock<'a> {
         let (Some(section), Some(tiling)) = (&sections.scaffold, &sections.tiling) else {
             return Ok(());
         };
-        let (scaffold, path) = self.load_scaffold(section)?;
-        let report = self.judge(&scaffold, path.as_deref())?;
+        let loaded = scaffold::load(&mut self.inputs, section)?;
+        let scaffold = &loaded.scaffold;
         let shapes = scaffold.shapes();
         let [element] = shapes[..] else {
             let names: Vec<&str> = shapes.iter().map(|s| s.name()).collect();
@@ -103,74 +100,12 @@ impl<'a> Stock<'a> {
             fault: e.into(),
         })?;
         self.tiling = Some(Tiling {
-            scaffold,
-            report,
+            loaded,
             name: tiling.cell.clone(),
             cell,
             table,
         });
         Ok(())
-    }
-
-    fn load_scaffold(
-        &mut self,
-        section: &ScaffoldSection,
-    ) -> Result<(Scaffold, Option<std::path::PathBuf>), RunError> {
-        let fail = |error| RunError::Scaffold {
-            file: None,
-            element: None,
-            message: format!("{error}"),
-        };
-        if let Some(block) = &section.block {
-            let scaffold = box_scaffold(block, self.recipe.scale()).map_err(fail)?;
-            return Ok((scaffold, None));
-        }
-        let Some(file) = &section.file else {
-            return Err(RunError::Empty("no scaffold".into()));
-        };
-        let path = self.recipe.resolve(&file.path);
-        let read = crate::io::read_scaffold(&path)?.scaffold;
-        let own = file.unit.map(|u| u.0);
-        let map = frame_map(file, own, self.recipe.unit());
-        let scaffold = moved(&read, map).map_err(|error| RunError::Scaffold {
-            file: Some(path.clone()),
-            element: None,
-            message: format!("{error}"),
-        })?;
-        self.inputs
-            .record("scaffold.file", &path, scaffold.bounds())?;
-        Ok((scaffold, Some(path)))
-    }
-
-    /// Refuses scaffolds that cannot be filled and warns of those with defects.
-    fn judge(
-        &mut self,
-        scaffold: &Scaffold,
-        path: Option<&Path>,
-    ) -> Result<ScaffoldReport, RunError> {
-        let found = scaffold.validate().map_err(|e| {
-            let (crate::scaffold::InvalidScaffold::Folded(bad, _)
-            | crate::scaffold::InvalidScaffold::Degenerate(bad, _)) = &e;
-            RunError::Scaffold {
-                file: path.map(Path::to_owned),
-                element: Some(bad.number),
-                message: e.to_string(),
-            }
-        })?;
-        for warning in found.warnings() {
-            self.inputs
-                .warn(Warning::SCAFFOLD, format!("scaffold: {warning}"))?;
-        }
-        let kinds = found.kinds.iter();
-        Ok(ScaffoldReport {
-            elements: kinds
-                .map(|(kind, n)| (kind.name().to_owned(), *n as u64))
-                .collect(),
-            inverted: found.folded.len() as u64,
-            hanging: found.defects.hanging.len() as u64,
-            components: found.components as u64,
-            volume: found.volume,
-        })
     }
 
     /// What the finished solid shows: W102 thin walls, W106 loose pieces, W107 cuts that miss it,
@@ -240,24 +175,31 @@ impl<'a> Stock<'a> {
                 Boundary::Extend => tiling::Boundary::Extend,
             },
         };
-        let field = TiledSolid::new(&tiling.scaffold, &tiling.table, options)
+        let field = TiledSolid::new(&tiling.loaded.scaffold, &tiling.table, options)
             .map_err(|e| RunError::Tiling(e.to_string()))?;
-        let bounds = tiling.scaffold.bounds();
+        let bounds = tiling.loaded.scaffold.bounds();
         // Where nothing is cut off, an envelope ends the solid; it may reach beyond the scaffold.
         let extent = match options.boundary {
             tiling::Boundary::Cut => bounds,
             tiling::Boundary::Extend => bounds.dilated(bounds.half_diagonal()),
         };
-        Ok(Some(Shape {
+        let mut shape = Shape {
             field: Box::new(field),
             extent,
             name: "the scaffold".into(),
-        }))
+        };
+        if let Some(envelope) = &tiling.loaded.envelope {
+            // The mesh that was filled ends the solid.
+            let borrowed = Box::new(Borrowed(envelope.as_ref()));
+            shape.extent = shape.extent.intersection(envelope.bounds());
+            shape.field = Box::new(Intersection(vec![shape.field, borrowed]));
+        }
+        Ok(Some(shape))
     }
 
     /// Elements of the scaffold.
     pub fn elements(&self) -> u64 {
-        self.tiling.as_ref().map_or(0, |t| t.scaffold.len() as u64)
+        self.tiling.as_ref().map_or(0, |t| t.loaded.scaffold.len() as u64)
     }
 
     /// Volume that the solid's share is taken of: the first envelope's, or the scaffold's.
@@ -268,8 +210,9 @@ impl<'a> Stock<'a> {
             _ => None,
         });
         envelope
+            .or_else(|| self.tiling.as_ref()?.loaded.envelope.as_deref())
             .map(|solid| solid.mesh().volume().abs())
-            .or_else(|| self.tiling.as_ref().map(|t| t.report.volume))
+            .or_else(|| self.tiling.as_ref().map(|t| t.loaded.report.volume))
     }
 
     /// Whether a path is one of the inputs.
@@ -295,7 +238,7 @@ impl<'a> Stock<'a> {
             recipe_blake3: hash_text(&self.recipe.source().text()),
             unit: self.recipe.unit().symbol().into(),
             inputs: self.inputs.files.clone(),
-            scaffold: self.tiling.as_ref().map(|t| t.report.clone()),
+            scaffold: self.tiling.as_ref().map(|t| t.loaded.report.clone()),
             cells: self
                 .tiling
                 .iter()
@@ -305,31 +248,4 @@ impl<'a> Stock<'a> {
             ..Report::default()
         }
     }
-}
-
-/// A structured box: whole numbers of hexes, as near to the asked size as possible.
-fn box_scaffold(
-    block: &BoxScaffold,
-    scale: Scale,
-) -> Result<Scaffold, crate::scaffold::ScaffoldError> {
-    let size = Vec3::from(block.size.map(|s| s.resolve(scale)));
-    let cell = block.cell_size.resolve(scale);
-    let counts = [size.x, size.y, size.z].map(|s| (s / cell).round().max(1.0) as usize);
-    let origin = Vec3::from(block.origin.map(|o| o.resolve(scale)));
-    let scaffold = Scaffold::box_grid(size, counts, Kind::Hex8)?;
-    if origin == Vec3::zeros() {
-        return Ok(scaffold);
-    }
-    moved(&scaffold, |v| v + origin)
-}
-
-/// A scaffold with its nodes moved; its elements keep their numbers.
-fn moved(
-    scaffold: &Scaffold,
-    map: impl Fn(Vec3) -> Vec3,
-) -> Result<Scaffold, crate::scaffold::ScaffoldError> {
-    let nodes = scaffold.nodes().iter().map(|&v| map(v)).collect();
-    let numbers = (0..scaffold.len()).map(|e| scaffold.number(e)).collect();
-    let elements = scaffold.connectivity().clone();
-    Ok(Scaffold::new(nodes, elements)?.with_numbers(numbers))
 }

@@ -5,7 +5,7 @@ use super::op::{Op, Operand};
 use super::output::OutputKind;
 use super::quantity::{Length, Size, Width};
 use super::source::Source;
-use super::{CellSection, FileRef, Sections, Solid, VERSION};
+use super::{CellSection, FileRef, ScaffoldSection, Sections, Solid, VERSION};
 
 type Checked = Result<(), RecipeError>;
 
@@ -112,23 +112,17 @@ fn scaffold(sections: &Sections, source: &Source) -> Checked {
             )
             .hint("add [tiling] with cell = \"NAME\"")),
         (Some(scaffold), Some(tiling)) => {
-            if scaffold.file.is_some() == scaffold.block.is_some() {
-                let found = if scaffold.file.is_some() {
-                    "both"
-                } else {
-                    "none"
-                };
+            let given = scaffold.sources();
+            if given.len() != 1 {
+                let found = list(&given);
                 return Err(source.fault(
                     "scaffold",
-                    format!("[scaffold] needs exactly one of file, box; found {found}"),
+                    format!(
+                        "[scaffold] needs exactly one of file, box, cylinder, sphere, fill; found {found}"
+                    ),
                 ));
             }
-            if let Some(block) = &scaffold.block {
-                let sizes = block.size.iter().chain([&block.cell_size]);
-                for size in sizes {
-                    no_voxels(size.0, "scaffold.box", source)?;
-                }
-            }
+            scaffold_keys(scaffold, source)?;
             if sections.cell.contains_key(&tiling.cell) {
                 return Ok(());
             }
@@ -147,6 +141,42 @@ fn scaffold(sections: &Sections, source: &Source) -> Checked {
             })
         }
     }
+}
+
+fn scaffold_keys(scaffold: &ScaffoldSection, source: &Source) -> Checked {
+    let mut lengths: Vec<(&str, Length)> = Vec::new();
+    if let Some(block) = &scaffold.block {
+        let sizes = block.size.iter().chain([&block.cell_size]);
+        lengths.extend(sizes.map(|s| ("scaffold.box", s.0)));
+    }
+    if let Some(c) = &scaffold.cylinder {
+        lengths.extend([c.radius, c.height, c.cell_size].map(|s| ("scaffold.cylinder", s.0)));
+    }
+    if let Some(c) = &scaffold.sphere {
+        lengths.extend([c.radius, c.cell_size].map(|s| ("scaffold.sphere", s.0)));
+    }
+    lengths.extend(scaffold.fill.iter().map(|f| ("scaffold.fill", f.cell_size.0)));
+    lengths.extend(scaffold.shell.iter().map(|s| ("scaffold.shell", s.thickness.0)));
+    lengths.extend(scaffold.plate.iter().map(|s| ("scaffold.plate", s.height.0)));
+    for (key, length) in lengths {
+        no_voxels(length, key, source)?;
+    }
+    if scaffold.file.is_none() && (scaffold.shell.is_some() || scaffold.plate.is_some()) {
+        return Err(source.fault(
+            "scaffold",
+            "shell and plate belong to a surface: expected file beside them",
+        ));
+    }
+    if scaffold.shell.is_some() && scaffold.plate.is_some() {
+        return Err(source.fault("scaffold.plate", "expected one of shell and plate; found both"));
+    }
+    if scaffold.refine > 6 {
+        return Err(source.fault(
+            "scaffold.refine",
+            format!("refine = {}: 8^{0} parts of every element; expected at most 6", scaffold.refine),
+        ));
+    }
+    Ok(())
 }
 
 fn no_voxels(length: Length, key: &str, source: &Source) -> Checked {

@@ -5,17 +5,117 @@ use super::quantity::{HalfWidth, Length, Size};
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-/// `[scaffold]`: the mesh whose elements are filled. Exactly one of `file` and `box`.
+/// `[scaffold]`: the mesh whose elements are filled. Exactly one of `file`, `box`, `cylinder`, `sphere`
+/// and `fill`.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ScaffoldSection {
-    /// A mesh of tets or hexes: .msh, .vtu or .vtk.
+    /// A mesh of tets, hexes, wedges or pyramids (.msh, .vtu, .vtk, .inp), or with `shell` or `plate`
+    /// one of triangles and quads (also .obj, .ply, .stl, .off).
     pub file: Option<FileRef>,
     /// A box of equal hexes, made here.
     #[serde(rename = "box")]
     pub block: Option<BoxScaffold>,
+    /// A cylinder of curved hexes, made here.
+    pub cylinder: Option<CylinderScaffold>,
+    /// A ball of curved hexes, made here.
+    pub sphere: Option<SphereScaffold>,
+    /// A closed mesh filled with hexes, made here; the mesh ends the solid.
+    pub fill: Option<FillScaffold>,
+    /// Gives a surface a thickness along its normals.
+    pub shell: Option<Shell>,
+    /// Extrudes a planar mesh along z.
+    pub plate: Option<Plate>,
+    /// Leave out elements whose Jacobian changes its sign; else they are errors.
+    pub skip_inverted: bool,
+    /// Cut every element into hexes at its corners: tets into 4, wedges into 6, hexes into 8.
+    pub all_hex: bool,
+    /// Split every element in two along every edge, so often.
+    pub refine: u32,
+    /// Cut every hex so often along each axis.
+    pub repeat: Option<u32>,
     /// "cut": the scaffold's outer faces end the solid; "extend": only the envelope does.
     pub boundary: Boundary,
+}
+
+impl ScaffoldSection {
+    /// The keys that say what the scaffold is, as far as they are given.
+    pub fn sources(&self) -> Vec<&'static str> {
+        let given = [
+            ("file", self.file.is_some()),
+            ("box", self.block.is_some()),
+            ("cylinder", self.cylinder.is_some()),
+            ("sphere", self.sphere.is_some()),
+            ("fill", self.fill.is_some()),
+        ];
+        given.into_iter().filter(|g| g.1).map(|g| g.0).collect()
+    }
+}
+
+/// A structured cylinder of hexes around the z axis.
+#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct CylinderScaffold {
+    /// Radius.
+    pub radius: Size,
+    /// Length along z.
+    pub height: Size,
+    /// Edge of a hex, about.
+    pub cell_size: Size,
+    /// Centre of the lower end.
+    #[serde(default = "zero")]
+    pub origin: [Length; 3],
+}
+
+/// A structured ball of hexes.
+#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct SphereScaffold {
+    /// Radius.
+    pub radius: Size,
+    /// Edge of a hex, about.
+    pub cell_size: Size,
+    /// Centre.
+    #[serde(default = "zero")]
+    pub centre: [Length; 3],
+}
+
+/// A closed mesh filled without a mesher.
+#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct FillScaffold {
+    /// The closed mesh.
+    pub mesh: FileRef,
+    /// Edge of a hex.
+    pub cell_size: Size,
+    /// "hex": a grid of cubes, which the mesh cuts.
+    #[serde(default)]
+    pub kind: FillKind,
+}
+
+/// What a closed mesh is filled with.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum FillKind {
+    /// A grid of cubes, which the mesh cuts.
+    #[default]
+    Hex,
+}
+
+/// `shell`: a surface's thickness.
+#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Shell {
+    /// The full thickness, half to each side.
+    pub thickness: Size,
+}
+
+/// `plate`: a planar mesh's height.
+#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Plate {
+    /// The full height, half to each side.
+    pub height: Size,
 }
 
 /// A structured box of hexes.
@@ -29,6 +129,22 @@ pub struct BoxScaffold {
     /// Least corner of the box.
     #[serde(default = "zero")]
     pub origin: [Length; 3],
+    /// "hex", or "tet": every cube in 6.
+    #[serde(default)]
+    pub kind: BoxKind,
+}
+
+/// What a box is made of.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum BoxKind {
+    /// Cubes.
+    #[default]
+    Hex,
+    /// Every cube in 6 tets.
+    Tet,
+    /// Every cube in 2 wedges.
+    Wedge,
 }
 
 fn zero() -> [Length; 3] {

@@ -25,6 +25,7 @@ impl Basis {
             }
             (Family::Simplex, _) => basis.quadratic_simplex(r),
             (Family::Tensor, n) => basis.tensor(n, r),
+            (Family::Prism, n) => basis.prism(n, r),
         }
         basis
     }
@@ -59,18 +60,7 @@ impl Basis {
     }
 
     fn tensor(&mut self, n: usize, r: Vec3) {
-        let line = |t: f64| {
-            let s = 1.0 - t;
-            if n == 1 {
-                ([s, t, 0.0], [-1.0, 1.0, 0.0])
-            } else {
-                (
-                    [s * s, 2.0 * s * t, t * t],
-                    [-2.0 * s, 2.0 * (s - t), 2.0 * t],
-                )
-            }
-        };
-        let [(x, dx), (y, dy), (z, dz)] = [line(r.x), line(r.y), line(r.z)];
+        let [(x, dx), (y, dy), (z, dz)] = [line(n, r.x), line(n, r.y), line(n, r.z)];
         let mut at = 0;
         for k in 0..=n {
             for j in 0..=n {
@@ -84,5 +74,48 @@ impl Basis {
                 }
             }
         }
+    }
+
+    fn prism(&mut self, n: usize, r: Vec3) {
+        // Barycentric pairs of the triangle in lattice order.
+        const PAIRS: [[usize; 2]; 6] = [[0, 0], [0, 1], [1, 1], [0, 2], [1, 2], [2, 2]];
+        let l = [1.0 - r.x - r.y, r.x, r.y];
+        let slopes = [[-1.0, -1.0], [1.0, 0.0], [0.0, 1.0]];
+        let mut triangle = [(0.0, [0.0; 2]); 6];
+        if n == 1 {
+            for (t, (value, slope)) in triangle.iter_mut().zip(l.into_iter().zip(slopes)) {
+                *t = (value, slope);
+            }
+        } else {
+            for (t, [a, b]) in triangle.iter_mut().zip(PAIRS) {
+                let m = if a == b { 1.0 } else { 2.0 };
+                let slope = |axis: usize| m * (slopes[a][axis] * l[b] + l[a] * slopes[b][axis]);
+                *t = (m * l[a] * l[b], [slope(0), slope(1)]);
+            }
+        }
+        let count = (n + 1) * (n + 2) / 2;
+        let (z, dz) = line(n, r.z);
+        for k in 0..=n {
+            for (i, (value, slope)) in triangle[..count].iter().enumerate() {
+                let at = k * count + i;
+                self.values[at] = value * z[k];
+                self.slopes[0][at] = slope[0] * z[k];
+                self.slopes[1][at] = slope[1] * z[k];
+                self.slopes[2][at] = value * dz[k];
+            }
+        }
+    }
+}
+
+/// The Bernstein polynomials of degree 1 or 2 on a line, and their derivatives.
+fn line(n: usize, t: f64) -> ([f64; 3], [f64; 3]) {
+    let s = 1.0 - t;
+    if n == 1 {
+        ([s, t, 0.0], [-1.0, 1.0, 0.0])
+    } else {
+        (
+            [s * s, 2.0 * s * t, t * t],
+            [-2.0 * s, 2.0 * (s - t), 2.0 * t],
+        )
     }
 }

@@ -35,10 +35,7 @@ pub(super) fn lattice(family: Family, degree: usize) -> impl Iterator<Item = [us
     let n = degree;
     (0..=n).flat_map(move |k| {
         (0..=family.room(n, k)).flat_map(move |j| {
-            let last = match family {
-                Family::Simplex => n - k - j,
-                Family::Tensor => n,
-            };
+            let last = family.row(n, j, k);
             (0..=last).map(move |i| [i, j, k])
         })
     })
@@ -53,6 +50,9 @@ pub(super) fn index(family: Family, n: usize, [i, j, k]: [usize; 3]) -> usize {
             let m = n - k;
             layer(n) - layer(m) + j * (m + 1) - j * j.saturating_sub(1) / 2 + i
         }
+        Family::Prism => {
+            k * (n + 1) * (n + 2) / 2 + j * (n + 1) - j * j.saturating_sub(1) / 2 + i
+        }
     }
 }
 
@@ -62,6 +62,7 @@ pub(super) fn count(family: Family, degree: usize) -> usize {
     match family {
         Family::Simplex => n * (n + 1) * (n + 2) / 6,
         Family::Tensor => n * n * n,
+        Family::Prism => n * n * (n + 1) / 2,
     }
 }
 
@@ -69,9 +70,15 @@ fn binomial(n: usize, k: usize) -> f64 {
     (0..k).fold(1.0, |b, i| b * (n - i) as f64 / (i + 1) as f64)
 }
 
-/// Values at the equidistant lattice to Bernstein coefficients: on a line, or on the simplex.
+/// The exponents of the triangle's basis functions, with a last one of 0.
+fn triangle(degree: usize) -> impl Iterator<Item = [usize; 3]> {
+    (0..=degree).flat_map(move |j| (0..=degree - j).map(move |i| [i, j, 0]))
+}
+
+/// Values at the equidistant lattice to Bernstein coefficients: on a line for cubes, on the simplex,
+/// on the triangle for prisms.
 fn collocation(family: Family, degree: usize) -> &'static DMatrix<f64> {
-    static TABLES: [[OnceLock<DMatrix<f64>>; 6]; 2] = [const { [const { OnceLock::new() }; 6] }; 2];
+    static TABLES: [[OnceLock<DMatrix<f64>>; 6]; 3] = [const { [const { OnceLock::new() }; 6] }; 3];
     TABLES[family as usize][degree].get_or_init(|| {
         let n = degree;
         let at = |i: usize| i as f64 / n.max(1) as f64;
@@ -80,8 +87,12 @@ fn collocation(family: Family, degree: usize) -> &'static DMatrix<f64> {
                 let t = at(row);
                 binomial(n, i) * t.powi(i as i32) * (1.0 - t).powi((n - i) as i32)
             }),
-            Family::Simplex => {
-                let points: Vec<_> = lattice(family, n).collect();
+            Family::Simplex | Family::Prism => {
+                let points: Vec<_> = if family == Family::Simplex {
+                    lattice(family, n).collect()
+                } else {
+                    triangle(n).collect()
+                };
                 DMatrix::from_fn(points.len(), points.len(), |row, column| {
                     let r = points[row].map(at);
                     let l = if n == 0 {
@@ -109,27 +120,39 @@ fn collocation(family: Family, degree: usize) -> &'static DMatrix<f64> {
 impl<T: Coefficient> Net<T> {
     /// The polynomial of this degree with these values at the equidistant lattice points.
     pub fn interpolating(family: Family, degree: usize, mut values: Vec<T>) -> Self {
-        let c = collocation(family, degree);
-        let combine = |row: usize, get: &dyn Fn(usize) -> T| {
+        let combine = |c: &DMatrix<f64>, row: usize, get: &dyn Fn(usize) -> T| {
             (1..c.ncols()).fold(get(0) * c[(row, 0)], |s, j| s + get(j) * c[(row, j)])
+        };
+        let along = |values: &[T], n: usize, stride: usize| -> Vec<T> {
+            let c = collocation(Family::Tensor, degree);
+            (0..values.len())
+                .map(|at| {
+                    let row = at / stride % n;
+                    let start = at - row * stride;
+                    combine(c, row, &|j| values[start + j * stride])
+                })
+                .collect()
         };
         match family {
             Family::Simplex => {
+                let c = collocation(family, degree);
                 values = (0..c.nrows())
-                    .map(|row| combine(row, &|j| values[j]))
+                    .map(|row| combine(c, row, &|j| values[j]))
                     .collect();
             }
             Family::Tensor => {
                 let n = degree + 1;
                 for stride in [1, n, n * n] {
-                    values = (0..values.len())
-                        .map(|at| {
-                            let row = at / stride % n;
-                            let start = at - row * stride;
-                            combine(row, &|j| values[start + j * stride])
-                        })
-                        .collect();
+                    values = along(&values, n, stride);
                 }
+            }
+            Family::Prism => {
+                let c = collocation(family, degree);
+                let layer = c.nrows();
+                values = (0..values.len())
+                    .map(|at| combine(c, at % layer, &|j| values[at / layer * layer + j]))
+                    .collect();
+                values = along(&values, degree + 1, layer);
             }
         }
         Self {
@@ -166,10 +189,18 @@ impl<T: Coefficient> Net<T> {
     }
 
     /// Both halves of the polynomial, each over its half of the cell as a cell of its own: cut
-    /// across an axis of the cube, or in the middle of an edge of the simplex.
+    /// across an axis of the cube, in the middle of an edge of the simplex or of the prism's triangle,
+    /// or (way 3) across the prism's axis.
     pub fn split(&self, way: usize) -> [Self; 2] {
         match self.family {
-            Family::Tensor => self.split_axis(way),
+            Family::Tensor => self.split_axis((self.degree + 1).pow(way as u32)),
+            Family::Prism if way == 3 => {
+                self.split_axis((self.degree + 1) * (self.degree + 2) / 2)
+            }
+            Family::Prism => {
+                let [a, b] = SIMPLEX_EDGES[way];
+                [self.with_midpoint(b, a), self.with_midpoint(a, b)]
+            }
             Family::Simplex => {
                 let [a, b] = SIMPLEX_EDGES[way];
                 [self.with_midpoint(b, a), self.with_midpoint(a, b)]
@@ -177,9 +208,8 @@ impl<T: Coefficient> Net<T> {
         }
     }
 
-    fn split_axis(&self, axis: usize) -> [Self; 2] {
+    fn split_axis(&self, stride: usize) -> [Self; 2] {
         let n = self.degree;
-        let stride = (n + 1).pow(axis as u32);
         let (mut low, mut high) = (self.clone(), self.clone());
         for start in 0..self.coefficients.len() {
             if start / stride % (n + 1) != 0 {
@@ -204,14 +234,18 @@ impl<T: Coefficient> Net<T> {
         let n = self.degree;
         let coefficients = lattice(self.family, n)
             .map(|p| {
-                let mut bary = [n - p[0] - p[1] - p[2], p[0], p[1], p[2]];
+                let prism = self.family == Family::Prism;
+                // A prism's layers are triangles of their own.
+                let (fourth, layer) = if prism { (0, p[2]) } else { (p[2], 0) };
+                let mut bary = [n - p[0] - p[1] - fourth, p[0], p[1], fourth];
                 let m = bary[gone];
                 let total = bary[gone] + bary[kept];
                 let scale = 0.5f64.powi(m as i32);
                 let mut term = |k: usize| {
                     bary[kept] = total - m + k;
                     bary[gone] = m - k;
-                    let c = self.coefficients[index(self.family, n, [bary[1], bary[2], bary[3]])];
+                    let place = [bary[1], bary[2], bary[3] + layer];
+                    let c = self.coefficients[index(self.family, n, place)];
                     c * (scale * binomial(m, k))
                 };
                 let first = term(0);
@@ -241,6 +275,8 @@ impl Net<f64> {
 pub(super) enum Part {
     Simplex([Vec3; 4]),
     Tensor(Vec3, Vec3),
+    /// Corners of the triangle (third coordinate 0), least and greatest third coordinate.
+    Prism([Vec3; 3], [f64; 2]),
 }
 
 impl Part {
@@ -249,6 +285,7 @@ impl Part {
         match family {
             Family::Simplex => Self::Simplex([Vec3::zeros(), Vec3::x(), Vec3::y(), Vec3::z()]),
             Family::Tensor => Self::Tensor(Vec3::zeros(), Vec3::repeat(1.0)),
+            Family::Prism => Self::Prism([Vec3::zeros(), Vec3::x(), Vec3::y()], [0.0, 1.0]),
         }
     }
 
@@ -270,6 +307,16 @@ impl Part {
                 d.norm_squared() + d.x * d.y + d.y * d.z + d.z * d.x
             })),
             Self::Tensor(min, max) => first_longest(&mut (0..3).map(|a| max[a] - min[a])),
+            // In the equilateral triangle |(a, b)|^2 = a^2 + b^2 + ab.
+            Self::Prism(v, [low, high]) => {
+                let side = |a: usize, b: usize| {
+                    let d: Vec3 = v[b] - v[a];
+                    d.norm_squared() + d.x * d.y
+                };
+                let along = (high - low).powi(2);
+                let lengths = [side(0, 1), side(1, 2), side(2, 0), along];
+                first_longest(&mut lengths.into_iter())
+            }
         }
     }
 
@@ -293,6 +340,22 @@ impl Part {
                 low_max[way] = middle;
                 halves = [Self::Tensor(*min, low_max), Self::Tensor(high_min, *max)];
             }
+            Self::Prism(v, [low, high]) if way == 3 => {
+                let middle = f64::midpoint(*low, *high);
+                halves = [
+                    Self::Prism(*v, [*low, middle]),
+                    Self::Prism(*v, [middle, *high]),
+                ];
+            }
+            Self::Prism(v, _) => {
+                let [a, b] = SIMPLEX_EDGES[way];
+                let middle = (v[a] + v[b]) / 2.0;
+                for (half, gone) in halves.iter_mut().zip([b, a]) {
+                    if let Self::Prism(w, _) = half {
+                        w[gone] = middle;
+                    }
+                }
+            }
         }
         halves
     }
@@ -304,6 +367,10 @@ impl Part {
                 v[0] + (v[1] - v[0]) * r.x + (v[2] - v[0]) * r.y + (v[3] - v[0]) * r.z
             }
             Self::Tensor(min, max) => min + (max - min).component_mul(&r),
+            Self::Prism(v, [low, high]) => {
+                let flat = v[0] + (v[1] - v[0]) * r.x + (v[2] - v[0]) * r.y;
+                Vec3::new(flat.x, flat.y, low + (high - low) * r.z)
+            }
         }
     }
 }
@@ -334,6 +401,17 @@ mod tests {
                             * power(r.z, k)
                             * power(l, n - i - j - k)
                     }
+                    Family::Prism => {
+                        let l = 1.0 - r.x - r.y;
+                        binomial(n, i)
+                            * binomial(n - i, j)
+                            * power(r.x, i)
+                            * power(r.y, j)
+                            * power(l, n - i - j)
+                            * binomial(n, k)
+                            * power(r.z, k)
+                            * power(1.0 - r.z, n - k)
+                    }
                     Family::Tensor => {
                         let b = |t: f64, i| binomial(n, i) * power(t, i) * power(1.0 - t, n - i);
                         b(r.x, i) * b(r.y, j) * b(r.z, k)
@@ -345,7 +423,7 @@ mod tests {
 
     #[test]
     fn coefficients_reproduce_the_polynomial_and_splitting_keeps_it() {
-        for family in [Family::Simplex, Family::Tensor] {
+        for family in [Family::Simplex, Family::Tensor, Family::Prism] {
             let net = Net::of(family, 3, cubic);
             assert_eq!(net.coefficients.len(), count(family, 3));
             for (place, p) in lattice(family, 3).enumerate() {
@@ -353,7 +431,11 @@ mod tests {
             }
             let r = Vec3::new(0.2, 0.3, 0.15);
             assert!((evaluate(&net, r) - cubic(r)).abs() < 1e-13);
-            let ways = if family == Family::Tensor { 3 } else { 6 };
+            let ways = match family {
+                Family::Tensor => 3,
+                Family::Prism => 4,
+                Family::Simplex => 6,
+            };
             for way in 0..ways {
                 let parts = Part::whole(family).split(way);
                 for (half, part) in net.split(way).iter().zip(parts) {

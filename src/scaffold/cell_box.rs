@@ -11,6 +11,7 @@ use super::bernstein::{Net, Part};
 use super::kind::Kind;
 use super::map::{Affine, Curved, ElementMap, Map, PAIRS, bend};
 use crate::frame::{Aabb, CellBox, CellPoint, Element, Mat3, Vec3};
+use std::sync::OnceLock;
 
 /// Splits of one part at most.
 const DEPTH: usize = 12;
@@ -37,6 +38,7 @@ impl ElementMap<'_> {
                 grow(&mut found);
                 confine(self.shape(), found)
             }
+            Map::Twisted(t) => t.cell_box(world),
         }
     }
 }
@@ -59,45 +61,48 @@ fn of_affine(shape: Element, a: &Affine, world: &Aabb) -> Option<CellBox<3>> {
     confine(shape, found)
 }
 
-/// Whether the set middle + Y b, |b| <= half, lies outside one face plane of the cell.
-fn beyond_a_face(shape: Element, middle: &Vec3, y: &Mat3, half: &Vec3) -> bool {
-    const TET: [[f64; 3]; 4] = [[1., 1., 1.], [1., -1., -1.], [-1., 1., -1.], [-1., -1., 1.]];
-    shape == Element::Tet
-        && TET.iter().any(|n| {
-            let n = Vec3::from(*n);
-            let reach = (y.transpose() * n).abs().dot(half);
-            n.dot(middle) - reach > 0.5 + ROUNDING * (1.0 + reach)
-        })
+/// Face planes that are not axis-aligned, which the bounding box does not know of: n.x <= offset.
+fn slanted(shape: Element) -> &'static [(Vec3, f64)] {
+    static PLANES: [OnceLock<Vec<(Vec3, f64)>>; 6] = [const { OnceLock::new() }; 6];
+    PLANES[shape as usize].get_or_init(|| {
+        let faces = shape.faces().into_iter();
+        let slanted = faces.filter(|f| f.normal.amax() < 1.0 - 1e-9);
+        slanted.map(|f| (f.normal, f.offset)).collect()
+    })
 }
 
-fn grow(b: &mut CellBox<3>) {
+/// Whether the set middle + Y b, |b| <= half, lies outside one face plane of the cell.
+pub(super) fn beyond_a_face(shape: Element, middle: &Vec3, y: &Mat3, half: &Vec3) -> bool {
+    slanted(shape).iter().any(|(n, offset)| {
+        let reach = (y.transpose() * n).abs().dot(half);
+        n.dot(middle) - reach > offset + ROUNDING * (1.0 + reach)
+    })
+}
+
+pub(super) fn grow(b: &mut CellBox<3>) {
     let slack = ROUNDING * (1.0 + b.min.amax().max(b.max.amax()));
     b.min.add_scalar_mut(-slack);
     b.max.add_scalar_mut(slack);
 }
 
 /// The box of what a box and the closed cell have in common, by its face planes one at a time.
-fn confine(shape: Element, found: CellBox<3>) -> Option<CellBox<3>> {
-    const TET: [[f64; 3]; 4] = [[1., 1., 1.], [1., -1., -1.], [-1., 1., -1.], [-1., -1., 1.]];
+pub(super) fn confine(shape: Element, found: CellBox<3>) -> Option<CellBox<3>> {
     let mut b = found.intersection(shape.cell_box());
     if b.is_empty() {
         return None;
     }
-    if shape == Element::Tet {
-        for n in TET {
-            // Least n.x over the box; on each axis the other two leave this much.
-            let least = |a: usize| if n[a] > 0.0 { b.min[a] } else { -b.max[a] };
-            let parts = [least(0), least(1), least(2)];
-            let slack = 0.5 + 4.0 * ROUNDING - parts[0] - parts[1] - parts[2];
-            if slack < 0.0 {
-                return None;
-            }
-            for a in 0..3 {
-                if n[a] > 0.0 {
-                    b.max[a] = b.max[a].min(b.min[a] + slack);
-                } else {
-                    b.min[a] = b.min[a].max(b.max[a] - slack);
-                }
+    for (n, offset) in slanted(shape) {
+        // Least n.x over the box; on each axis the other two leave this much.
+        let least = |a: usize| n[a] * if n[a] > 0.0 { b.min[a] } else { b.max[a] };
+        let slack = offset + 4.0 * ROUNDING - least(0) - least(1) - least(2);
+        if slack < 0.0 {
+            return None;
+        }
+        for a in 0..3 {
+            if n[a] > 0.0 {
+                b.max[a] = b.max[a].min(b.min[a] + slack / n[a]);
+            } else if n[a] < 0.0 {
+                b.min[a] = b.min[a].max(b.max[a] + slack / n[a]);
             }
         }
     }
@@ -157,8 +162,15 @@ fn of_part(
 /// The box of a part in the cell frame, and its own bounds of the second derivatives.
 fn local(kind: Kind, net: &Net<Vec3>, part: &Part, whole: &[Vec3; 6]) -> (CellBox<3>, [Vec3; 6]) {
     match part {
-        // Of degree 2, so the second derivatives are the same everywhere.
+        // Of degree 2, so the second derivatives are the same everywhere; a prism's nearly so.
         Part::Simplex(v) => (CellBox::of(v.map(|r| kind.from_parameters(r))), *whole),
+        Part::Prism(v, [low, high]) => {
+            let ends = v.iter().flat_map(|r| [*low, *high].map(|z| Vec3::new(r.x, r.y, z)));
+            (
+                CellBox::of(ends.map(|r| kind.from_parameters(r))),
+                *whole,
+            )
+        }
         Part::Tensor(min, max) => {
             let size = max - min;
             let mut bounds = bend(kind, net);

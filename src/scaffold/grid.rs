@@ -13,16 +13,29 @@ const KUHN: [[usize; 4]; 6] = [
     [0, 5, 1, 6],
 ];
 
+/// The two wedges of a cube, cut along the diagonals of its lower and upper side.
+const WEDGES: [[usize; 6]; 2] = [[0, 1, 2, 4, 5, 6], [0, 2, 3, 4, 6, 7]];
+/// Bases of the six pyramids of a cube, which meet in its centre.
+const BASES: [[usize; 4]; 6] = [
+    [0, 1, 2, 3],
+    [4, 7, 6, 5],
+    [0, 4, 5, 1],
+    [1, 5, 6, 2],
+    [2, 6, 7, 3],
+    [3, 7, 4, 0],
+];
+
 impl Scaffold {
     /// A box with one corner at the origin, of `size` world units, cut into `counts` cells per
-    /// axis: one Hex8 or six Tet4 each. Elements are in order of x, then y, then z.
+    /// axis: one Hex8, six Tet4, two Wedge6 or six Pyramid5 each. Elements are in order of x, then y, then z.
     ///
     /// # Errors
     /// [`ScaffoldError::BadBox`], [`ScaffoldError::BadBoxKind`], [`ScaffoldError::TooMany`].
     pub fn box_grid(size: Vec3, counts: [usize; 3], kind: Kind) -> Result<Self, ScaffoldError> {
         let per_cell = match kind {
             Kind::Hex8 => 1,
-            Kind::Tet4 => 6,
+            Kind::Tet4 | Kind::Pyramid5 => 6,
+            Kind::Wedge6 => 2,
             _ => return Err(ScaffoldError::BadBoxKind(kind)),
         };
         let usable = size.iter().all(|s| s.is_finite() && *s > 0.0);
@@ -67,12 +80,27 @@ impl Scaffold {
                         node(i + 1, j + 1, k + 1),
                         node(i, j + 1, k + 1),
                     ];
-                    if kind == Kind::Hex8 {
-                        elements.push(kind, &hex);
-                    } else {
-                        for tet in KUHN {
-                            elements.push(kind, &tet.map(|n| hex[n]));
+                    match kind {
+                        Kind::Tet4 => {
+                            for tet in KUHN {
+                                elements.push(kind, &tet.map(|n| hex[n]));
+                            }
                         }
+                        Kind::Wedge6 => {
+                            for wedge in WEDGES {
+                                elements.push(kind, &wedge.map(|n| hex[n]));
+                            }
+                        }
+                        Kind::Pyramid5 => {
+                            let corners = hex.iter().map(|&n| nodes[n as usize]);
+                            let apex = nodes.len() as u32;
+                            nodes.push(corners.sum::<Vec3>() / 8.0);
+                            for base in BASES {
+                                let [a, b, c, d] = base.map(|n| hex[n]);
+                                elements.push(kind, &[a, b, c, d, apex]);
+                            }
+                        }
+                        _ => elements.push(kind, &hex),
                     }
                 }
             }

@@ -2,19 +2,24 @@
 //!
 //! Nodes stand in VTK order at the lattice points of the element's degree. Shape functions are
 //! polynomials of the parametric coordinates r (barycentrics of the tetrahedron, `[0, 1]^3` of the
-//! hexahedron); the cell's Cartesian coordinates are xi = sum `lambda_i` `P_i` and xi = r - 1/2.
-//! The map of an element is evaluated in Bernstein form; [`Kind::controls`] turns nodes into
-//! control points.
+//! hexahedron, both on the wedge); the cell's Cartesian coordinates are affine functions of r. The
+//! map of an element is evaluated in Bernstein form; [`Kind::controls`] turns nodes into control
+//! points. The pyramid is a cube with one side drawn together, its map rational in the cell's
+//! coordinates (see the pyramid's own file).
 //!
-//! To add a kind: a row, its [`Family`] if it is neither simplex nor cube, and its reference shape
-//! in [`Element`].
+//! Planar kinds carry surfaces; a thickness makes solids of them ([`Kind::thickened`]).
+//!
+//! To add a kind: a row, its [`Family`] if it has none yet, and its reference shape in [`Element`].
+
+mod table;
 
 use super::basis::Basis;
 use super::bernstein::{Net, count, index};
 use crate::frame::{CellPoint, Element, Mat3, Vec3};
 use std::sync::OnceLock;
+use table::{HEX27_LATTICE, Row, TABLE, WEDGE18_LATTICE};
 
-/// A kind of solid element.
+/// A kind of element: solids, then the planar ones.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Kind {
     /// Tetrahedron with straight edges.
@@ -29,6 +34,24 @@ pub enum Kind {
     /// Triquadratic hexahedron: the nodes of Hex20, then face centres x- x+ y- y+ z- z+, then the
     /// centre.
     Hex27,
+    /// Triangular prism.
+    Wedge6,
+    /// Serendipity prism: mid nodes on edges (01) (12) (20) (34) (45) (53) (03) (14) (25).
+    Wedge15,
+    /// Biquadratic prism: the nodes of Wedge15, then the centres of the sides over (01) (12) (20).
+    Wedge18,
+    /// Pyramid: base 0-3, apex 4.
+    Pyramid5,
+    /// Triangle.
+    Tri3,
+    /// Quadratic triangle: mid nodes on edges (01) (12) (20).
+    Tri6,
+    /// Bilinear quad.
+    Quad4,
+    /// Serendipity quad: mid nodes on edges (01) (12) (23) (30).
+    Quad8,
+    /// Biquadratic quad: the nodes of Quad8, then the centre.
+    Quad9,
 }
 
 /// The polynomial space of a reference shape.
@@ -38,6 +61,8 @@ pub(super) enum Family {
     Simplex,
     /// Degree per axis on the cube.
     Tensor,
+    /// Total degree on the triangle (r1, r2), times the same degree along r3.
+    Prism,
 }
 
 impl Family {
@@ -45,7 +70,16 @@ impl Family {
     pub fn room(self, n: usize, k: usize) -> usize {
         match self {
             Self::Simplex => n - k,
+            Self::Tensor | Self::Prism => n,
+        }
+    }
+
+    /// Greatest i beside (j, k) in a lattice of degree n.
+    pub fn row(self, n: usize, j: usize, k: usize) -> usize {
+        match self {
+            Self::Simplex => n - k - j,
             Self::Tensor => n,
+            Self::Prism => n - j,
         }
     }
 }
@@ -57,208 +91,50 @@ pub struct FaceNodes {
     pub corners: &'static [u8],
     /// Mid nodes of the edges corner 0 to 1, 1 to 2, ...; empty for linear kinds.
     pub mids: &'static [u8],
-    /// The node in the middle of a quad face, for Hex27.
+    /// The node in the middle of a quad face, where the kind has one.
     pub centre: Option<u8>,
 }
-
-/// What a kind is.
-struct Row {
-    name: &'static str,
-    shape: Element,
-    degree: usize,
-    vtk: u8,
-    gmsh: u32,
-    /// Parametric coordinates times `degree`.
-    lattice: &'static [[u8; 3]],
-    /// First, last and, if quadratic, mid node.
-    edges: &'static [[u8; 2]],
-    faces: &'static [FaceNodes],
-    /// VTK node i is Gmsh node `gmsh_order[i]`.
-    gmsh_order: &'static [u8],
-}
-
-const fn face(corners: &'static [u8], mids: &'static [u8], centre: Option<u8>) -> FaceNodes {
-    FaceNodes {
-        corners,
-        mids,
-        centre,
-    }
-}
-
-const TET_EDGES: [[u8; 2]; 6] = [[0, 1], [1, 2], [2, 0], [0, 3], [1, 3], [2, 3]];
-const HEX_EDGES: [[u8; 2]; 12] = [
-    [0, 1],
-    [1, 2],
-    [2, 3],
-    [3, 0],
-    [4, 5],
-    [5, 6],
-    [6, 7],
-    [7, 4],
-    [0, 4],
-    [1, 5],
-    [2, 6],
-    [3, 7],
-];
-const HEX8_LATTICE: [[u8; 3]; 8] = [
-    [0, 0, 0],
-    [1, 0, 0],
-    [1, 1, 0],
-    [0, 1, 0],
-    [0, 0, 1],
-    [1, 0, 1],
-    [1, 1, 1],
-    [0, 1, 1],
-];
-const HEX27_LATTICE: [[u8; 3]; 27] = [
-    [0, 0, 0],
-    [2, 0, 0],
-    [2, 2, 0],
-    [0, 2, 0],
-    [0, 0, 2],
-    [2, 0, 2],
-    [2, 2, 2],
-    [0, 2, 2],
-    [1, 0, 0],
-    [2, 1, 0],
-    [1, 2, 0],
-    [0, 1, 0],
-    [1, 0, 2],
-    [2, 1, 2],
-    [1, 2, 2],
-    [0, 1, 2],
-    [0, 0, 1],
-    [2, 0, 1],
-    [2, 2, 1],
-    [0, 2, 1],
-    [0, 1, 1],
-    [2, 1, 1],
-    [1, 0, 1],
-    [1, 2, 1],
-    [1, 1, 0],
-    [1, 1, 2],
-    [1, 1, 1],
-];
-const HEX27_GMSH: [u8; 27] = [
-    0, 1, 2, 3, 4, 5, 6, 7, 8, 11, 13, 9, 16, 18, 19, 17, 10, 12, 14, 15, 22, 23, 21, 24, 20, 25,
-    26,
-];
-
-/// The table; rows in the order of [`Kind`]. Faces in the order of [`Element::faces`].
-const TABLE: [Row; 5] = [
-    Row {
-        name: "Tet4",
-        shape: Element::Tet,
-        degree: 1,
-        vtk: 10,
-        gmsh: 4,
-        lattice: &[[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]],
-        edges: &TET_EDGES,
-        faces: &[
-            face(&[1, 2, 3], &[], None),
-            face(&[0, 1, 3], &[], None),
-            face(&[0, 2, 1], &[], None),
-            face(&[0, 3, 2], &[], None),
-        ],
-        gmsh_order: &[0, 1, 2, 3],
-    },
-    Row {
-        name: "Tet10",
-        shape: Element::Tet,
-        degree: 2,
-        vtk: 24,
-        gmsh: 11,
-        lattice: &[
-            [0, 0, 0],
-            [2, 0, 0],
-            [0, 2, 0],
-            [0, 0, 2],
-            [1, 0, 0],
-            [1, 1, 0],
-            [0, 1, 0],
-            [0, 0, 1],
-            [1, 0, 1],
-            [0, 1, 1],
-        ],
-        edges: &TET_EDGES,
-        faces: &[
-            face(&[1, 2, 3], &[5, 9, 8], None),
-            face(&[0, 1, 3], &[4, 8, 7], None),
-            face(&[0, 2, 1], &[6, 5, 4], None),
-            face(&[0, 3, 2], &[7, 9, 6], None),
-        ],
-        gmsh_order: &[0, 1, 2, 3, 4, 5, 6, 7, 9, 8],
-    },
-    Row {
-        name: "Hex8",
-        shape: Element::Hex,
-        degree: 1,
-        vtk: 12,
-        gmsh: 5,
-        lattice: &HEX8_LATTICE,
-        edges: &HEX_EDGES,
-        faces: &[
-            face(&[0, 4, 7, 3], &[], None),
-            face(&[1, 2, 6, 5], &[], None),
-            face(&[0, 1, 5, 4], &[], None),
-            face(&[2, 3, 7, 6], &[], None),
-            face(&[0, 3, 2, 1], &[], None),
-            face(&[4, 5, 6, 7], &[], None),
-        ],
-        gmsh_order: &[0, 1, 2, 3, 4, 5, 6, 7],
-    },
-    Row {
-        name: "Hex20",
-        shape: Element::Hex,
-        degree: 2,
-        vtk: 25,
-        gmsh: 17,
-        lattice: HEX27_LATTICE.split_at(20).0,
-        edges: &HEX_EDGES,
-        faces: &[
-            face(&[0, 4, 7, 3], &[16, 15, 19, 11], None),
-            face(&[1, 2, 6, 5], &[9, 18, 13, 17], None),
-            face(&[0, 1, 5, 4], &[8, 17, 12, 16], None),
-            face(&[2, 3, 7, 6], &[10, 19, 14, 18], None),
-            face(&[0, 3, 2, 1], &[11, 10, 9, 8], None),
-            face(&[4, 5, 6, 7], &[12, 13, 14, 15], None),
-        ],
-        gmsh_order: HEX27_GMSH.split_at(20).0,
-    },
-    Row {
-        name: "Hex27",
-        shape: Element::Hex,
-        degree: 2,
-        vtk: 29,
-        gmsh: 12,
-        lattice: &HEX27_LATTICE,
-        edges: &HEX_EDGES,
-        faces: &[
-            face(&[0, 4, 7, 3], &[16, 15, 19, 11], Some(20)),
-            face(&[1, 2, 6, 5], &[9, 18, 13, 17], Some(21)),
-            face(&[0, 1, 5, 4], &[8, 17, 12, 16], Some(22)),
-            face(&[2, 3, 7, 6], &[10, 19, 14, 18], Some(23)),
-            face(&[0, 3, 2, 1], &[11, 10, 9, 8], Some(24)),
-            face(&[4, 5, 6, 7], &[12, 13, 14, 15], Some(25)),
-        ],
-        gmsh_order: &HEX27_GMSH,
-    },
-];
 
 /// dxi/dr of the tetrahedron: columns P1 - P0, P2 - P0, P3 - P0.
 const TET_FROM_PARAMETERS: [f64; 9] = [1., 1., 0., 0., 1., 1., 1., 0., 1.];
 /// Its inverse, column by column.
 const TET_TO_PARAMETERS: [f64; 9] = [0.5, -0.5, 0.5, 0.5, 0.5, -0.5, -0.5, 0.5, 0.5];
+/// sqrt(3) / 2, the height of the wedge's triangle.
+const H: f64 = 0.866_025_403_784_438_6;
+/// The wedge's first corner.
+const WEDGE_CORNER: Vec3 = Vec3::new(-0.5, -H / 3.0, -0.5);
+/// dxi/dr of the wedge, column by column, and its inverse.
+const WEDGE_FROM_PARAMETERS: [f64; 9] = [1., 0., 0., 0.5, H, 0., 0., 0., 1.];
+const WEDGE_TO_PARAMETERS: [f64; 9] = [1., 0., 0., -0.5 / H, 1.0 / H, 0., 0., 0., 1.];
 
 impl Kind {
     /// Every kind, in order.
-    pub const ALL: [Self; 5] = [
+    pub const ALL: [Self; 14] = [
         Self::Tet4,
         Self::Tet10,
         Self::Hex8,
         Self::Hex20,
         Self::Hex27,
+        Self::Wedge6,
+        Self::Wedge15,
+        Self::Wedge18,
+        Self::Pyramid5,
+        Self::Tri3,
+        Self::Tri6,
+        Self::Quad4,
+        Self::Quad8,
+        Self::Quad9,
     ];
+
+    /// The kinds that have a volume.
+    pub fn solids() -> impl Iterator<Item = Self> {
+        Self::ALL.into_iter().filter(|k| !k.is_planar())
+    }
+
+    /// Whether it is an element of surfaces, without a volume.
+    pub fn is_planar(self) -> bool {
+        self.shape().dimension() == 2
+    }
 
     fn row(self) -> &'static Row {
         &TABLE[self as usize]
@@ -279,6 +155,11 @@ impl Kind {
         self.row().degree
     }
 
+    /// Parametric coordinates of the nodes, times the degree.
+    pub(super) fn lattice(self) -> &'static [[u8; 3]] {
+        self.row().lattice
+    }
+
     /// Number of nodes.
     pub fn node_count(self) -> usize {
         self.row().lattice.len()
@@ -287,8 +168,11 @@ impl Kind {
     /// Number of corners, which are the first nodes.
     pub fn corner_count(self) -> usize {
         match self.shape() {
-            Element::Tet => 4,
-            _ => 8,
+            Element::Tri => 3,
+            Element::Quad | Element::Tet => 4,
+            Element::Pyramid => 5,
+            Element::Wedge => 6,
+            Element::Hex => 8,
         }
     }
 
@@ -302,7 +186,7 @@ impl Kind {
         (self.degree() == 2).then(|| (self.corner_count() + edge) as u8)
     }
 
-    /// The faces, in the order of [`Element::faces`].
+    /// The faces, in the order of [`Element::faces`]; planar kinds have none.
     pub fn faces(self) -> &'static [FaceNodes] {
         self.row().faces
     }
@@ -312,7 +196,7 @@ impl Kind {
         self.row().vtk
     }
 
-    /// The kind of a VTK cell type, if it is a solid of this table.
+    /// The kind of a VTK cell type, if it is in this table.
     pub fn from_vtk(cell_type: u8) -> Option<Self> {
         Self::ALL.into_iter().find(|k| k.vtk_type() == cell_type)
     }
@@ -322,7 +206,7 @@ impl Kind {
         self.row().gmsh
     }
 
-    /// The kind of a Gmsh element type, if it is a solid of this table.
+    /// The kind of a Gmsh element type, if it is in this table.
     pub fn from_gmsh(element_type: u32) -> Option<Self> {
         Self::ALL
             .into_iter()
@@ -343,14 +227,49 @@ impl Kind {
             .collect()
     }
 
+    /// The solid that a planar element becomes between two copies of itself, and of each of its nodes
+    /// the node it comes from and the level: -1 below, 0 in the middle, 1 above.
+    pub fn thickened(self) -> Option<(Self, Vec<(u8, i8)>)> {
+        let level = |nodes: std::ops::Range<u8>, l: i8| nodes.map(move |n| (n, l));
+        let mut all: Vec<(u8, i8)> = Vec::new();
+        let (corners, mids) = (self.corner_count() as u8, self.node_count() as u8);
+        let edges_end = mids.min(2 * corners);
+        all.extend(level(0..corners, -1).chain(level(0..corners, 1)));
+        all.extend(level(corners..edges_end, -1).chain(level(corners..edges_end, 1)));
+        Some(match self {
+            Self::Tri3 => (Self::Wedge6, all),
+            Self::Quad4 => (Self::Hex8, all),
+            Self::Tri6 => {
+                all.extend(level(0..6, 0));
+                (Self::Wedge18, all)
+            }
+            Self::Quad8 => {
+                all.extend(level(0..4, 0));
+                (Self::Hex20, all)
+            }
+            Self::Quad9 => {
+                all.extend(level(0..4, 0));
+                all.extend([(7, 0), (5, 0), (4, 0), (6, 0), (8, -1), (8, 1), (8, 0)]);
+                (Self::Hex27, all)
+            }
+            _ => return None,
+        })
+    }
+
     /// Shape functions at a point of the cell frame, one per node; they sum to one.
     pub fn shape_functions(self, xi: CellPoint<3>) -> Vec<f64> {
+        if self == Self::Pyramid5 {
+            return super::pyramid::shape_functions(xi).to_vec();
+        }
         let basis = Basis::at(self, self.parameters(xi));
         self.combine(|control| basis.values[control])
     }
 
     /// Gradients of the shape functions by the cell's coordinates, one per node.
     pub fn shape_gradients(self, xi: CellPoint<3>) -> Vec<Vec3> {
+        if self == Self::Pyramid5 {
+            return super::pyramid::shape_gradients(xi).to_vec();
+        }
         let basis = Basis::at(self, self.parameters(xi));
         let to_cell = self.parameters_by_cell().transpose();
         let mut out = vec![Vec3::zeros(); self.node_count()];
@@ -381,8 +300,8 @@ impl Kind {
 
     /// Share of every node in every control point.
     fn shares(self) -> &'static [[f64; 27]] {
-        static TABLE: [OnceLock<Vec<[f64; 27]>>; 5] = [const { OnceLock::new() }; 5];
-        TABLE[self as usize].get_or_init(|| {
+        static SHARES: [OnceLock<Vec<[f64; 27]>>; 14] = [const { OnceLock::new() }; 14];
+        SHARES[self as usize].get_or_init(|| {
             let mut shares = vec![[0.0; 27]; count(self.family(), self.degree())];
             for node in 0..self.node_count() {
                 let mut values = vec![0.0; self.node_count()];
@@ -411,6 +330,10 @@ impl Kind {
     /// quarter of either in the centre.
     fn on_lattice<T: Copy>(self, nodes: &[T], zero: T, add: impl Fn(T, &T, f64) -> T) -> Vec<T> {
         let row = self.row();
+        if self == Self::Pyramid5 {
+            // The cube's upper side is drawn together in the apex.
+            return [0, 1, 3, 2, 4, 4, 4, 4].map(|n: usize| nodes[n]).to_vec();
+        }
         let mut values = vec![zero; count(self.family(), row.degree)];
         let place = |p: &[u8; 3]| index(self.family(), row.degree, p.map(usize::from));
         for (node, p) in nodes.iter().zip(row.lattice) {
@@ -428,12 +351,22 @@ impl Kind {
                 add(s, v, if n < 8 { -0.25 } else { 0.25 })
             });
         }
+        if self == Self::Wedge15 {
+            for (f, p) in row.faces[2..].iter().zip(&WEDGE18_LATTICE[15..]) {
+                let corners = f.corners.iter().map(|&n| (n, -0.25));
+                let mids = f.mids.iter().map(|&n| (n, 0.5));
+                values[place(p)] = corners
+                    .chain(mids)
+                    .fold(zero, |s, (n, w)| add(s, &nodes[n as usize], w));
+            }
+        }
         values
     }
 
     pub(super) fn family(self) -> Family {
         match self.shape() {
             Element::Tet => Family::Simplex,
+            Element::Wedge | Element::Tri => Family::Prism,
             _ => Family::Tensor,
         }
     }
@@ -442,6 +375,8 @@ impl Kind {
     pub(super) fn parameters(self, xi: CellPoint<3>) -> Vec3 {
         match self.shape() {
             Element::Tet => self.parameters_by_cell() * xi.0.add_scalar(0.5),
+            Element::Wedge | Element::Tri => self.parameters_by_cell() * (xi.0 - WEDGE_CORNER),
+            Element::Pyramid => super::pyramid::parameters(xi),
             _ => xi.0.add_scalar(0.5),
         }
     }
@@ -453,14 +388,19 @@ impl Kind {
             Element::Tet => {
                 CellPoint((Mat3::from_column_slice(&TET_FROM_PARAMETERS) * r).add_scalar(-0.5))
             }
+            Element::Wedge | Element::Tri => {
+                CellPoint(Mat3::from_column_slice(&WEDGE_FROM_PARAMETERS) * r + WEDGE_CORNER)
+            }
+            Element::Pyramid => super::pyramid::from_parameters(r),
             _ => CellPoint(r.add_scalar(-0.5)),
         }
     }
 
-    /// dr/dxi, constant.
+    /// dr/dxi, constant (of the pyramid only on its axis at the base).
     pub(super) fn parameters_by_cell(self) -> Mat3 {
         match self.shape() {
             Element::Tet => Mat3::from_column_slice(&TET_TO_PARAMETERS),
+            Element::Wedge | Element::Tri => Mat3::from_column_slice(&WEDGE_TO_PARAMETERS),
             _ => Mat3::identity(),
         }
     }

@@ -7,6 +7,7 @@
 use super::basis::Basis;
 use super::bernstein::{Net, Part, index, lattice};
 use super::kind::{Family, Kind};
+use super::pyramid::Twisted;
 use crate::frame::{Aabb, CellPoint, Element, Mat3, Vec3, WorldPoint};
 
 /// How far beyond the reference cell an inverse may lie: |xi| on an axis, where the cell ends at
@@ -44,6 +45,8 @@ pub(super) struct Geometry {
 pub(super) enum Map {
     Affine(Affine),
     Curved(Box<Curved>),
+    /// A pyramid whose base is no parallelogram.
+    Twisted(Twisted),
 }
 
 /// x = origin + jacobian xi.
@@ -92,6 +95,14 @@ impl Geometry {
                 map: Map::Affine(affine),
             };
         }
+        if kind == Kind::Pyramid5 {
+            let twisted = Twisted::new(nodes);
+            return Self {
+                bounds,
+                stretch: twisted.stretch(),
+                map: Map::Twisted(twisted),
+            };
+        }
         let curved = Curved::new(kind, net);
         Self {
             bounds,
@@ -104,6 +115,10 @@ impl Geometry {
 impl Affine {
     /// The affine map that agrees at the first corner and its neighbours along r1, r2, r3.
     fn through(kind: Kind, net: &Net<Vec3>) -> Self {
+        if kind == Kind::Pyramid5 {
+            let c = &net.coefficients;
+            return super::pyramid::affine([c[0], c[1], c[3], c[2], c[4]]);
+        }
         let corners = net.corners();
         let at = |axis: usize| {
             let unit = Vec3::ith(axis, 1.0);
@@ -115,8 +130,12 @@ impl Affine {
         };
         let jacobian = Mat3::from_columns(&[at(0), at(1), at(2)]) * kind.parameters_by_cell();
         let first = kind.from_parameters(Vec3::zeros());
+        Self::new(corners[0].0 - jacobian * first.0, jacobian)
+    }
+
+    pub fn new(origin: Vec3, jacobian: Mat3) -> Self {
         Self {
-            origin: corners[0].0 - jacobian * first.0,
+            origin,
             jacobian,
             inverse: jacobian
                 .try_inverse()
@@ -177,7 +196,7 @@ impl Curved {
         let by_parameters = Mat3::from_columns(&columns);
         match self.kind.family() {
             Family::Tensor => (x, by_parameters),
-            Family::Simplex => (x, by_parameters * self.kind.parameters_by_cell()),
+            Family::Simplex | Family::Prism => (x, by_parameters * self.kind.parameters_by_cell()),
         }
     }
 
@@ -185,7 +204,7 @@ impl Curved {
     pub fn jacobian_net(&self) -> Net<Mat3> {
         let degree = match self.net.family {
             Family::Simplex => self.net.degree - 1,
-            Family::Tensor => self.net.degree,
+            Family::Tensor | Family::Prism => self.net.degree,
         };
         Net::of(self.net.family, degree, |r| {
             self.evaluate(self.kind.from_parameters(r)).1
@@ -222,44 +241,8 @@ impl Curved {
         (least.max(by_volume).max(0.0), greatest)
     }
 
-    /// Newton steps from `start`, halved while the residual grows.
     fn newton(&self, x: Vec3, start: CellPoint<3>) -> Result<CellPoint<3>, f64> {
-        let mut xi = start;
-        let (f, mut j) = self.evaluate(xi);
-        let mut residual = x - f;
-        let rounding = 8.0 * f64::EPSILON * x.amax().max(self.origin.amax());
-        for _ in 0..STEPS {
-            let left = residual.norm();
-            let Some(inverse) = j.try_inverse() else {
-                return Err(left);
-            };
-            let mut step = inverse * residual;
-            let length = step.norm();
-            if length < 1e-8 || left <= rounding {
-                // Convergence is quadratic: what this step leaves is below 1e-13.
-                return Ok(CellPoint(xi.0 + step));
-            }
-            if length > 1.0 {
-                step /= length;
-            }
-            let mut share = 1.0;
-            loop {
-                let next = CellPoint(xi.0 + step * share);
-                if next.0.amax() <= DOMAIN {
-                    let (f, slope) = self.evaluate(next);
-                    let rest = x - f;
-                    if rest.norm() < left {
-                        (xi, j, residual) = (next, slope, rest);
-                        break;
-                    }
-                }
-                share /= 2.0;
-                if share < 1e-4 {
-                    return Err(left);
-                }
-            }
-        }
-        Err(residual.norm())
+        newton(|xi| self.evaluate(xi), x, start, self.origin)
     }
 
     fn guess(&self, x: Vec3) -> CellPoint<3> {
@@ -269,11 +252,71 @@ impl Curved {
     }
 }
 
+/// Newton steps from `start`, halved while the residual grows; gives the residual where
+/// they do not arrive.
+pub(super) fn newton(
+map: impl Fn(CellPoint<3>) -> (Vec3, Mat3),
+x: Vec3,
+start: CellPoint<3>,
+origin: Vec3,
+) -> Result<CellPoint<3>, f64> {
+    let mut xi = start;
+    let (f, mut j) = map(xi);
+    let mut residual = x - f;
+    let rounding = 8.0 * f64::EPSILON * x.amax().max(origin.amax());
+    for _ in 0..STEPS {
+        let left = residual.norm();
+        let Some(inverse) = j.try_inverse() else {
+            return Err(left);
+        };
+        let mut step = inverse * residual;
+        let length = step.norm();
+        if length < 1e-8 || left <= rounding {
+            // Convergence is quadratic: what this step leaves is below 1e-13.
+            return Ok(CellPoint(xi.0 + step));
+        }
+        if length > 1.0 {
+            step /= length;
+        }
+        let mut share = 1.0;
+        loop {
+            let next = CellPoint(xi.0 + step * share);
+            if next.0.amax() <= DOMAIN {
+                let (f, slope) = map(next);
+                let rest = x - f;
+                if rest.norm() < left {
+                    (xi, j, residual) = (next, slope, rest);
+                    break;
+                }
+            }
+            share /= 2.0;
+            if share < 1e-4 {
+                return Err(left);
+            }
+        }
+    }
+    Err(residual.norm())
+}
+
 /// Bounds of the second derivatives over the cell whose control points these are: the greatest
 /// second differences, which are their Bernstein coefficients.
 pub(super) fn bend(kind: Kind, net: &Net<Vec3>) -> [Vec3; 6] {
     match net.family {
         Family::Tensor => PAIRS.map(|[j, k]| supremum(second(net, j, k))),
+        Family::Prism => {
+            let t = kind.parameters_by_cell();
+            let by_r: [[Vec3; 3]; 3] =
+                [0, 1, 2].map(|a| [0, 1, 2].map(|b| supremum(second(net, a, b))));
+            PAIRS.map(|[j, k]| {
+                let mut s = Vec3::zeros();
+                for a in 0..3 {
+                    for b in 0..3 {
+                        s += by_r[a][b] * (t[(a, j)] * t[(b, k)]).abs();
+                    }
+                }
+                s
+            })
+        }
         Family::Simplex => {
             let t = kind.parameters_by_cell();
             let by_r: [[Vec<Vec3>; 3]; 3] =
@@ -299,7 +342,12 @@ fn second(net: &Net<Vec3>, j: usize, k: usize) -> impl Iterator<Item = Vec3> + '
     let n = net.degree;
     let (family, c) = (net.family, &net.coefficients);
     // The factor of a second step along the same axis, and in a simplex along any.
-    let scale = if j == k || family == Family::Simplex {
+    let in_simplex = match family {
+        Family::Simplex => true,
+        Family::Tensor => false,
+        Family::Prism => j < 2 && k < 2,
+    };
+    let scale = if j == k || in_simplex {
         n * (n - 1)
     } else {
         n * n
@@ -311,6 +359,7 @@ fn second(net: &Net<Vec3>, j: usize, k: usize) -> impl Iterator<Item = Vec3> + '
         match family {
             Family::Simplex => q.iter().sum::<usize>() <= n,
             Family::Tensor => q[j] <= n && q[k] <= n,
+            Family::Prism => q[0] + q[1] <= n && q[2] <= n,
         }
     };
     lattice(family, n).filter(fits).map(move |p| {
@@ -373,6 +422,7 @@ impl<'a> ElementMap<'a> {
     pub fn control_points(&self) -> Vec<Vec3> {
         match &self.geometry.map {
             Map::Curved(c) => c.net.coefficients.clone(),
+            Map::Twisted(t) => t.corners(),
             Map::Affine(a) => {
                 let vertices = self.shape().vertices();
                 vertices.into_iter().map(|v| a.map(CellPoint(v))).collect()
@@ -391,6 +441,7 @@ impl<'a> ElementMap<'a> {
         WorldPoint(match &self.geometry.map {
             Map::Affine(a) => a.map(xi),
             Map::Curved(c) => c.evaluate(xi).0,
+            Map::Twisted(t) => t.evaluate(xi).0,
         })
     }
 
@@ -405,6 +456,10 @@ impl<'a> ElementMap<'a> {
             Map::Affine(a) => (WorldPoint(a.map(xi)), a.jacobian),
             Map::Curved(c) => {
                 let (x, j) = c.evaluate(xi);
+                (WorldPoint(x), j)
+            }
+            Map::Twisted(t) => {
+                let (x, j) = t.evaluate(xi);
                 (WorldPoint(x), j)
             }
         }
@@ -430,6 +485,7 @@ impl<'a> ElementMap<'a> {
                 .newton(x.0, c.guess(x.0))
                 .or_else(|_| c.newton(x.0, CellPoint(Vec3::zeros())))
                 .map_err(|residual| self.lost(x, residual)),
+            Map::Twisted(t) => t.inverse(x.0, None).map_err(|r| self.lost(x, r)),
         }
     }
 
@@ -445,6 +501,9 @@ impl<'a> ElementMap<'a> {
         match &self.geometry.map {
             Map::Affine(a) => self.affine(a, x),
             Map::Curved(c) => c.newton(x.0, start).or_else(|_| self.inverse(x)),
+            Map::Twisted(t) => t
+                .inverse(x.0, Some(start))
+                .or_else(|_| self.inverse(x)),
         }
     }
 

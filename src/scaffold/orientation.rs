@@ -46,16 +46,17 @@ pub(super) fn parametric_scale(kind: Kind) -> f64 {
     match kind.family() {
         Family::Simplex => 2.0,
         Family::Tensor => 1.0,
+        Family::Prism => 3f64.sqrt() / 2.0,
     }
 }
 
 /// det dx/dxi of a curved element as a polynomial over the cell: of degree 3 (n - 1) on simplices,
-/// 3 n - 1 per axis on cubes.
+/// 3 n - 1 per axis on cubes and (at most) on prisms.
 pub(super) fn jacobian_determinant(c: &Curved) -> Net<f64> {
     let n = c.net.degree;
     let degree = match c.net.family {
         Family::Simplex => 3 * (n - 1),
-        Family::Tensor => 3 * n - 1,
+        Family::Tensor | Family::Prism => 3 * n - 1,
     };
     Net::of(c.net.family, degree, |r| {
         c.evaluate(c.kind.from_parameters(r)).1.determinant()
@@ -68,6 +69,7 @@ impl ElementMap<'_> {
         let mean = match &self.geometry.map {
             Map::Affine(a) => a.jacobian.determinant(),
             Map::Curved(c) => jacobian_determinant(c).mean(),
+            Map::Twisted(t) => t.mean_determinant(),
         };
         mean * self.shape().measure()
     }
@@ -91,6 +93,7 @@ impl ElementMap<'_> {
                 }
             }
             Map::Curved(c) => verdict(self.kind, parametric_determinant(c), tiny),
+            Map::Twisted(t) => t.orientation(tiny),
         }
     }
 
@@ -107,7 +110,7 @@ impl ElementMap<'_> {
                 0.0
             }
         };
-        let centre = at(CellPoint(Vec3::zeros()));
+        let centre = at(self.shape().centroid());
         if self.is_affine() {
             return centre;
         }

@@ -243,7 +243,7 @@ impl Patch {
 
     /// The closest point of the closed reference cell.
     pub fn clamp(&self, xi: Vec3) -> Vec3 {
-        clamp_to_cell(self.shape, xi)
+        super::clamp::clamp_to_cell(self.shape, xi)
     }
 
     /// m(x): how far outside the element, world units; continuous, at most 0 inside.
@@ -306,65 +306,5 @@ impl Patch {
     /// The reference element's shape.
     pub fn shape(&self) -> Element {
         self.shape
-    }
-}
-
-/// Normals of the tet's faces, times the root of 3.
-const FACES: [[f64; 3]; 4] = [
-    [1.0, 1.0, 1.0],
-    [1.0, -1.0, -1.0],
-    [-1.0, 1.0, -1.0],
-    [-1.0, -1.0, 1.0],
-];
-
-/// The Euclidean projection onto the closed reference cell (tet or hex).
-pub(super) fn clamp_to_cell(shape: Element, xi: Vec3) -> Vec3 {
-    if shape != Element::Tet {
-        return xi.map(|c| c.clamp(-0.5, 0.5));
-    }
-    // The tet is regular, so its barycentric coordinates are an isometry (up to scale) onto the
-    // standard simplex of R^4, whose projection subtracts a common threshold and drops negatives.
-    let lambda = FACES.map(|n| (0.5 - Vec3::from(n).dot(&xi)) / 2.0);
-    if lambda.iter().all(|&l| l >= 0.0) {
-        return xi;
-    }
-    let mut sorted = lambda;
-    sorted.sort_unstable_by(|a, b| b.total_cmp(a));
-    let (mut sum, mut threshold) = (0.0, 0.0);
-    for (n, &l) in sorted.iter().enumerate() {
-        sum += l;
-        let t = (sum - 1.0) / (n + 1) as f64;
-        if l > t {
-            threshold = t;
-        }
-    }
-    FACES
-        .iter()
-        .zip(lambda)
-        .map(|(&n, l)| Vec3::from(n) * (-0.5 * (l - threshold).max(0.0)))
-        .sum()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn clamping_is_the_euclidean_projection() {
-        // The projection y of x satisfies (x - y) . (v - y) <= 0 for all vertices v.
-        for shape in [Element::Tet, Element::Hex] {
-            for n in 0..4096u32 {
-                let x = Vec3::new(
-                    f64::from(n % 16) / 6.0 - 1.25,
-                    f64::from(n / 16 % 16) / 6.0 - 1.2,
-                    f64::from(n / 256) / 6.0 - 1.15,
-                );
-                let y = clamp_to_cell(shape, x);
-                assert!(shape.face_distance(CellPoint(y)) < 1e-12);
-                for v in shape.vertices() {
-                    assert!((x - y).dot(&(v - y)) < 1e-12, "{shape:?} {x:?} {y:?}");
-                }
-            }
-        }
     }
 }

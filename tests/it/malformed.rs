@@ -6,7 +6,7 @@
 
 use druse::frame::{LengthUnit, Vec3};
 use druse::io::{
-    ErrorClass, ReadError, read_cell, read_mesh, read_npy, read_points, read_scaffold,
+    ErrorClass, ReadError, read_cell, read_elements, read_mesh, read_npy, read_points,
     read_skeleton, write_mesh,
 };
 use druse::mesh::TriMesh;
@@ -130,7 +130,7 @@ fn cells() -> Vec<Vec<u8>> {
 }
 
 fn scaffold(path: &Path) -> Result<(), Refusal> {
-    Ok(read_scaffold(path).map(drop)?)
+    Ok(read_elements(path).map(drop)?)
 }
 
 fn recipe(path: &Path) -> Result<(), Refusal> {

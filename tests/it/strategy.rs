@@ -52,8 +52,10 @@ pub fn element_nodes(kind: Kind, amplitude: f64, seed: u64) -> Vec<Vec3> {
 
 /// A point of the closed reference cell.
 pub fn cell_point(shape: Element, noise: &mut Noise) -> CellPoint<3> {
+    let hull = shape.cell_box();
     loop {
-        let p = CellPoint(noise.vector() / 2.0);
+        let along = noise.vector().add_scalar(1.0) / 2.0;
+        let p = CellPoint(hull.min + (hull.max - hull.min).component_mul(&along));
         if shape.face_distance(p) <= 0.0 {
             return p;
         }
@@ -65,6 +67,19 @@ pub fn cell_point(shape: Element, noise: &mut Noise) -> CellPoint<3> {
 pub fn renumberings(kind: Kind) -> Vec<Vec<usize>> {
     let nodes = kind.reference_nodes();
     let mut found = Vec::new();
+    for map in reference_maps() {
+        let p: Option<Vec<usize>> = nodes
+            .iter()
+            .map(|n| nodes.iter().position(|m| (map * n.0 - m.0).norm() < 1e-12))
+            .collect();
+        found.extend(p.filter(|p| !found.contains(p)));
+    }
+    found
+}
+
+/// Signed permutations of the axes, and the symmetries of the hexagonal prism.
+fn reference_maps() -> Vec<Mat3> {
+    let mut maps = Vec::new();
     for order in [
         [0, 1, 2],
         [1, 2, 0],
@@ -74,20 +89,19 @@ pub fn renumberings(kind: Kind) -> Vec<Vec<usize>> {
         [2, 1, 0],
     ] {
         for signs in 0..8 {
-            let image = |p: Vec3| {
-                Vec3::from([0, 1, 2].map(|a| {
-                    let c: f64 = p[order[a]];
-                    if signs >> a & 1 == 1 { -c } else { c }
-                }))
-            };
-            let p: Option<Vec<usize>> = nodes
-                .iter()
-                .map(|n| nodes.iter().position(|m| (image(n.0) - m.0).norm() < 1e-12))
-                .collect();
-            found.extend(p);
+            maps.push(Mat3::from_fn(|row, column| {
+                let sign = if signs >> row & 1 == 1 { -1.0 } else { 1.0 };
+                if order[row] == column { sign } else { 0.0 }
+            }));
         }
     }
-    found
+    for turn in 0..6 {
+        let (s, c) = (f64::from(turn) * std::f64::consts::FRAC_PI_3).sin_cos();
+        for (x, z) in [(1.0, 1.0), (-1.0, 1.0), (1.0, -1.0), (-1.0, -1.0)] {
+            maps.push(Mat3::new(c * x, -s, 0., s * x, c, 0., 0., 0., z));
+        }
+    }
+    maps
 }
 
 /// A conforming mesh of one kind filling a box of about unit cells: corners displaced by up to
@@ -102,6 +116,8 @@ pub fn mesh(
     let mut noise = Noise::new(seed);
     let linear = match kind.shape() {
         Element::Tet => Kind::Tet4,
+        Element::Wedge => Kind::Wedge6,
+        Element::Pyramid => Kind::Pyramid5,
         _ => Kind::Hex8,
     };
     let size = Vec3::from(counts.map(|c| c as f64));
@@ -121,8 +137,9 @@ pub fn mesh(
         if kind.degree() == 2 {
             groups.extend(kind.edges().iter().map(|e| e.to_vec()));
         }
+        let centred = kind.faces().iter().filter(|f| f.centre.is_some());
+        groups.extend(centred.map(|f| f.corners.to_vec()));
         if kind == Kind::Hex27 {
-            groups.extend(kind.faces().iter().map(|f| f.corners.to_vec()));
             groups.push((0..8).collect());
         }
         for group in groups {

@@ -76,13 +76,17 @@ fn element(file: &mut File, [number, code]: [u64; 2], tags: u64) -> Result<(), R
             }
             file.collector.skipped += 1;
         }
-        Type::Solid(kind) => {
+        Type::Known(kind) => {
             let own = &mut nodes[..kind.node_count()];
             for n in own.iter_mut() {
                 *n = t.number("a node number")?;
             }
             // An element of several groups is listed once for each.
-            if !file.collector.again(number, groups) {
+            let again: Vec<i64> = groups
+                .iter()
+                .map(|&g| super::group_of(super::dimension(kind), g))
+                .collect();
+            if !file.collector.again(number, &again) {
                 file.take(number, kind, own, groups);
             }
         }

@@ -181,7 +181,7 @@ fn block(
                 }
                 file.collector.skipped += 1;
             }
-            Type::Solid(kind) => {
+            Type::Known(kind) => {
                 let mut nodes = [0; 27];
                 let own = &mut nodes[..kind.node_count()];
                 for n in own.iter_mut() {

@@ -2,7 +2,8 @@
 
 use super::Cells;
 use super::array::Scalar;
-use crate::io::scaffold::{Collector, ScaffoldFile};
+use crate::io::collector::Collector;
+use crate::io::scaffold::{ElementFile, FieldAt};
 use crate::io::tokens::Tokens;
 use crate::io::{ReadError, Source, quote};
 use std::path::Path;
@@ -11,7 +12,7 @@ use std::path::Path;
 ///
 /// # Errors
 /// When it cannot be read, is damaged, is no unstructured grid, or holds solids of other kinds.
-pub fn read(path: &Path) -> Result<ScaffoldFile, ReadError> {
+pub fn read(path: &Path) -> Result<ElementFile, ReadError> {
     let mut file = File {
         tokens: Tokens::new(Source::open(path)?),
         binary: false,
@@ -35,7 +36,7 @@ pub fn read(path: &Path) -> Result<ScaffoldFile, ReadError> {
                 types = Some(file.whole(Scalar::I32, count)?);
             }
             ["METADATA"] => file.metadata()?,
-            ["FIELD", _, arrays] => file.field(arrays)?,
+            ["FIELD", _, arrays] => file.field(arrays, &mut Vec::new())?,
             _ => return Err(file.bad(&line, expected)),
         }
     }
@@ -52,6 +53,7 @@ pub fn read(path: &Path) -> Result<ScaffoldFile, ReadError> {
         nodes: &nodes,
     };
     cells.collect(path, 0, 0, &mut collector)?;
+    file.data(&mut collector)?;
     collector.finish(|_| None)
 }
 
@@ -201,6 +203,62 @@ impl File {
         Ok((ends, nodes))
     }
 
+    /// Point and cell data up to the end of the file, or to what is no numbers.
+    fn data(&mut self, collector: &mut Collector) -> Result<(), ReadError> {
+        let mut at = None;
+        while let Some(line) = self.tokens.line()? {
+            let line = line.to_owned();
+            let words: Vec<&str> = line.split_whitespace().collect();
+            let known = match words[..] {
+                ["POINT_DATA", _] => {
+                    at = Some(FieldAt::Points);
+                    continue;
+                }
+                ["CELL_DATA", _] => {
+                    at = Some(FieldAt::Cells);
+                    continue;
+                }
+                ["METADATA"] => {
+                    self.metadata()?;
+                    continue;
+                }
+                ["SCALARS", name, scalar] => (name, scalar, 1),
+                ["SCALARS", name, scalar, n] => (name, scalar, self.count(n, 1, "components")?),
+                ["VECTORS" | "NORMALS", name, scalar] => (name, scalar, 3),
+                ["TENSORS", name, scalar] => (name, scalar, 9),
+                ["FIELD", _, arrays] => {
+                    let mut fields = Vec::new();
+                    self.field(arrays, &mut fields)?;
+                    if let Some(at) = at {
+                        for (name, components, values) in fields {
+                            if values.len() == components.saturating_mul(belonging(collector, at)) {
+                                collector.field(&name, at, components, values);
+                            }
+                        }
+                    }
+                    continue;
+                }
+                _ => return Ok(()),
+            };
+            let (name, scalar, components) = known;
+            let Some(at) = at else {
+                return Err(self.bad(&line, "POINT_DATA or CELL_DATA before it"));
+            };
+            let number = self.scalar(scalar)?;
+            if words[0] == "SCALARS" {
+                let table = self.tokens.needed_line("LOOKUP_TABLE")?.to_owned();
+                if !table.starts_with("LOOKUP_TABLE") {
+                    return Err(self.bad(&table, "LOOKUP_TABLE"));
+                }
+            }
+            let total = belonging(collector, at).saturating_mul(components).to_string();
+            let total = self.count(&total, number.size() as u64, "numbers")?;
+            let values = self.reals(number, total)?;
+            collector.field(name, at, components, values);
+        }
+        Ok(())
+    }
+
     /// Passes over lines up to a blank one.
     fn metadata(&mut self) -> Result<(), ReadError> {
         while let Some(line) = self.tokens.source.line()? {
@@ -211,8 +269,12 @@ impl File {
         Ok(())
     }
 
-    /// Passes over arrays that belong to the file as a whole.
-    fn field(&mut self, arrays: &str) -> Result<(), ReadError> {
+    /// Arrays with names and components of their own.
+    fn field(
+        &mut self,
+        arrays: &str,
+        found: &mut Vec<(String, usize, Vec<f64>)>,
+    ) -> Result<(), ReadError> {
         for _ in 0..self.count(arrays, 1, "arrays")? {
             let expected = "name, components, tuples and type of an array";
             let mut line = self.tokens.needed_line(expected)?.to_owned();
@@ -221,7 +283,7 @@ impl File {
                 self.tokens.needed_line(expected)?.clone_into(&mut line);
             }
             let words: Vec<&str> = line.split_whitespace().collect();
-            let [_, components, tuples, scalar] = words[..] else {
+            let [name, components, tuples, scalar] = words[..] else {
                 return Err(self.bad(&line, expected));
             };
             if scalar == "string" {
@@ -233,8 +295,17 @@ impl File {
             let tuples = self.count(tuples, 1, "tuples")?;
             let count = components.saturating_mul(tuples).to_string();
             let count = self.count(&count, scalar.size() as u64, "numbers")?;
-            self.reals(scalar, count)?;
+            let values = self.reals(scalar, count)?;
+            found.push((name.to_owned(), components, values));
         }
         Ok(())
+    }
+}
+
+/// How many nodes or elements a field has values for.
+fn belonging(collector: &Collector, at: FieldAt) -> usize {
+    match at {
+        FieldAt::Points => collector.point_count(),
+        FieldAt::Cells => collector.cells as usize,
     }
 }

@@ -4,7 +4,8 @@ mod data;
 
 use super::Cells;
 use super::array::Scalar;
-use crate::io::scaffold::{Collector, ScaffoldFile};
+use crate::io::collector::Collector;
+use crate::io::scaffold::{ElementFile, FieldAt};
 use crate::io::{Place, ReadError, Source, quote};
 use data::{Appended, Format};
 use quick_xml::Reader;
@@ -16,7 +17,7 @@ use std::path::Path;
 ///
 /// # Errors
 /// When it cannot be read, is damaged, is no unstructured grid, or holds solids of other kinds.
-pub fn read(path: &Path) -> Result<ScaffoldFile, ReadError> {
+pub fn read(path: &Path) -> Result<ElementFile, ReadError> {
     let mut source = Source::open(path)?;
     if source.size() == u64::MAX {
         return Err(ReadError::data(path, Place::File, "a pipe", "a file"));
@@ -63,6 +64,7 @@ struct Piece {
     nodes: Option<Vec<i64>>,
     ends: Option<Vec<i64>>,
     types: Option<Vec<i64>>,
+    fields: Vec<(String, FieldAt, usize, Vec<f64>)>,
 }
 
 struct Document<'a> {
@@ -172,6 +174,8 @@ impl<'a> Document<'a> {
                 });
             }
             ("Points" | "Cells", "DataArray") => *array = Some(self.array(tag, byte)?),
+            // Data of types that are no numbers, such as strings, are passed over.
+            ("PointData" | "CellData", "DataArray") => *array = self.array(tag, byte).ok(),
             _ => {}
         }
         Ok(())
@@ -250,6 +254,17 @@ impl<'a> Document<'a> {
             }
             let parse = |w: &str| w.parse().ok();
             piece.coordinates = Some(self.decode(array, parse, Scalar::real)?);
+            return Ok(());
+        }
+        let at = match parent {
+            "PointData" => Some(FieldAt::Points),
+            "CellData" => Some(FieldAt::Cells),
+            _ => None,
+        };
+        if let Some(at) = at {
+            let values = self.decode(array, |w| w.parse().ok(), Scalar::real)?;
+            let components = usize::try_from(array.components.max(1)).unwrap_or(usize::MAX);
+            piece.fields.push((array.name.clone(), at, components, values));
             return Ok(());
         }
         let target = match array.name.as_str() {
@@ -352,11 +367,24 @@ impl<'a> Document<'a> {
             };
             cells.collect(self.path, self.points, self.cells, &mut self.collector)?;
         }
+        for (name, at, components, values) in piece.fields {
+            let (count, what) = match at {
+                FieldAt::Points => (piece.points, "points"),
+                FieldAt::Cells => (piece.cells, "cells"),
+            };
+            if values.len() as u64 != count.saturating_mul(components as u64) {
+                let found = format!("field {} of {} values", quote(&name), values.len());
+                let expected = format!("{components} for each of {count} {what}");
+                return Err(ReadError::data(self.path, Place::File, found, expected));
+            }
+            self.collector.field(&name, at, components, values);
+        }
         for p in coordinates.chunks_exact(3) {
             self.collector.point(self.points, [p[0], p[1], p[2]]);
             self.points += 1;
         }
         self.cells += piece.cells;
+        self.collector.cells = self.cells;
         Ok(())
     }
 

@@ -1,0 +1,305 @@
+//! Nodes, elements, groups and fields as a file lists them, and what becomes of them.
+
+use super::scaffold::{
+    DataField, ElementFile, FieldAt, Group, ScaffoldFile, SurfaceFile, no_solids,
+};
+use super::{Place, ReadError, quote};
+use crate::frame::Vec3;
+use crate::scaffold::{Connectivity, Kind, Scaffold, ScaffoldError, Surface};
+use std::collections::{BTreeMap, HashMap};
+use std::path::Path;
+
+/// Collects nodes and elements as a file lists them, by the file's own numbers.
+pub(super) struct Collector<'a> {
+    path: &'a Path,
+    points: Vec<Vec3>,
+    /// The file's number of each point, unless they count from 0.
+    point_numbers: Vec<u64>,
+    elements: Connectivity,
+    /// Nodes of all elements in the file's numbers, one element after the other.
+    element_nodes: Vec<u64>,
+    element_numbers: Vec<u64>,
+    groups: BTreeMap<i64, Vec<u32>>,
+    /// Names of groups that are not known by numbers.
+    names: BTreeMap<String, i64>,
+    fields: Vec<DataField>,
+    /// Elements as the file counts them, those passed over included: what cell data belong to.
+    pub cells: u64,
+    pub skipped: usize,
+}
+
+/// The number of the first group that is known by its name only.
+const FIRST_NAMED: i64 = 1 << 40;
+
+impl<'a> Collector<'a> {
+    pub fn new(path: &'a Path) -> Self {
+        Self {
+            path,
+            points: Vec::new(),
+            point_numbers: Vec::new(),
+            elements: Connectivity::default(),
+            element_nodes: Vec::new(),
+            element_numbers: Vec::new(),
+            groups: BTreeMap::new(),
+            names: BTreeMap::new(),
+            fields: Vec::new(),
+            cells: 0,
+            skipped: 0,
+        }
+    }
+
+    /// Points so far.
+    pub fn point_count(&self) -> usize {
+        self.points.len()
+    }
+
+    /// Adds elements (by their places in the file's list) to the group of this name.
+    pub fn named_group(&mut self, name: &str, places: &[u32]) {
+        let next = FIRST_NAMED + self.names.len() as i64;
+        let number = *self.names.entry(name.to_owned()).or_insert(next);
+        let members = self.groups.entry(number).or_default();
+        members.extend_from_slice(places);
+        members.sort_unstable();
+        members.dedup();
+    }
+
+    /// Appends values to a field. Cell data count every element of the file by its number from 0.
+    pub fn field(&mut self, name: &str, at: FieldAt, components: usize, values: Vec<f64>) {
+        let same = |f: &&mut DataField| f.name == name && f.at == at && f.components == components;
+        match self.fields.iter_mut().find(same) {
+            Some(field) => field.values.extend(values),
+            None => self.fields.push(DataField {
+                name: name.to_owned(),
+                at,
+                components,
+                values,
+            }),
+        }
+    }
+
+    /// Appends a point with the file's number.
+    pub fn point(&mut self, number: u64, at: [f64; 3]) {
+        self.point_numbers.push(number);
+        self.points.push(at.into());
+    }
+
+    /// Appends an element; `nodes` are the file's numbers in VTK order.
+    pub fn element(&mut self, number: u64, kind: Kind, nodes: &[u64], groups: &[i64]) {
+        let place = self.elements.len() as u32;
+        // The true numbers are known when all points are; count now, fill in later.
+        self.elements.push(kind, &[0; 27][..nodes.len()]);
+        self.element_nodes.extend_from_slice(nodes);
+        self.element_numbers.push(number);
+        for g in groups {
+            let members = self.groups.entry(*g).or_default();
+            if members.last() != Some(&place) {
+                members.push(place);
+            }
+        }
+    }
+
+    /// Adds the last element to more groups if it is `number`, which a file may list once a group.
+    pub fn again(&mut self, number: u64, groups: &[i64]) -> bool {
+        if self.element_numbers.last() != Some(&number) {
+            return false;
+        }
+        let place = self.elements.len() as u32 - 1;
+        for g in groups {
+            let members = self.groups.entry(*g).or_default();
+            if members.last() != Some(&place) {
+                members.push(place);
+            }
+        }
+        true
+    }
+
+    /// The elements of all that was collected: the solids if there are any, else the planar ones.
+    /// `name` gives the names of groups.
+    pub fn finish(self, name: impl Fn(i64) -> Option<String>) -> Result<ElementFile, ReadError> {
+        let places = Places::new(self.path, &self.point_numbers)?;
+        let all = 0..self.elements.len();
+        let planar = all.clone().all(|e| self.elements.kind(e).is_planar());
+        let mut new_number = vec![u32::MAX; self.points.len()];
+        let mut nodes = Vec::new();
+        let mut node_places = Vec::new();
+        let mut elements = Connectivity::default();
+        let mut kept: Vec<usize> = Vec::new();
+        let mut new_place = vec![u32::MAX; self.elements.len()];
+        let mut rest = self.element_nodes.as_slice();
+        for e in all {
+            let element_number = self.element_numbers[e];
+            let kind = self.elements.kind(e);
+            let (own, others) = rest.split_at(kind.node_count());
+            rest = others;
+            if kind.is_planar() != planar {
+                continue;
+            }
+            let mut renumbered = [0; 27];
+            for (to, &number) in renumbered.iter_mut().zip(own) {
+                let place = places.find(number).ok_or_else(|| {
+                    ReadError::data(
+                        self.path,
+                        Place::Item("element", element_number),
+                        format!("node {number}, which is not in the file"),
+                        format!("one of its {} nodes", self.points.len()),
+                    )
+                })?;
+                if new_number[place] == u32::MAX {
+                    new_number[place] = nodes.len() as u32;
+                    nodes.push(self.points[place]);
+                    node_places.push(place);
+                }
+                *to = new_number[place];
+            }
+            new_place[e] = kept.len() as u32;
+            kept.push(e);
+            elements.push(kind, &renumbered[..own.len()]);
+        }
+        let skipped = self.skipped + self.elements.len() - kept.len();
+        let unused_nodes = self.points.len() - nodes.len();
+        let fields = self.kept_fields(&node_places, &kept)?;
+        let numbers: Vec<u64> = kept.iter().map(|&e| self.element_numbers[e]).collect();
+        let named: BTreeMap<i64, &String> = self.names.iter().map(|(n, &i)| (i, n)).collect();
+        let groups = self
+            .groups
+            .iter()
+            .map(|(number, members)| Group {
+                name: named
+                    .get(number)
+                    .map(|n| (*n).clone())
+                    .or_else(|| name(*number))
+                    .unwrap_or_else(|| number.to_string()),
+                elements: members
+                    .iter()
+                    .map(|&e| new_place[e as usize])
+                    .filter(|&e| e != u32::MAX)
+                    .collect(),
+            })
+            .filter(|g: &Group| !g.elements.is_empty())
+            .collect();
+        if planar && !elements.is_empty() {
+            let surface = Surface::new(nodes, elements)
+                .map_err(|e| self.refuse(&e, &node_places))?
+                .with_numbers(numbers);
+            return Ok(ElementFile::Surface(SurfaceFile {
+                surface,
+                groups,
+                fields,
+                skipped,
+                unused_nodes,
+            }));
+        }
+        let scaffold = Scaffold::new(nodes, elements)
+            .map_err(|e| self.refuse(&e, &node_places))?
+            .with_numbers(numbers);
+        Ok(ElementFile::Solids(ScaffoldFile {
+            scaffold,
+            groups,
+            fields,
+            skipped,
+            unused_nodes,
+        }))
+    }
+
+    /// The fields' values of the nodes and elements that are kept.
+    fn kept_fields(&self, nodes: &[usize], kept: &[usize]) -> Result<Vec<DataField>, ReadError> {
+        let mut all = Vec::new();
+        for field in &self.fields {
+            let (count, what) = match field.at {
+                FieldAt::Points => (self.points.len(), "points"),
+                FieldAt::Cells => (self.cells as usize, "cells"),
+            };
+            if field.values.len() != count.saturating_mul(field.components) {
+                return Err(ReadError::data(
+                    self.path,
+                    Place::File,
+                    format!("field {} of {} values", quote(&field.name), field.values.len()),
+                    format!("{} for each of {count} {what}", field.components),
+                ));
+            }
+            let own = |n: usize| &field.values[n * field.components..(n + 1) * field.components];
+            let values = match field.at {
+                FieldAt::Points => nodes.iter().flat_map(|&n| own(n)).copied().collect(),
+                FieldAt::Cells => kept
+                    .iter()
+                    .flat_map(|&e| own(self.element_numbers[e] as usize))
+                    .copied()
+                    .collect(),
+            };
+            all.push(DataField {
+                values,
+                ..field.clone()
+            });
+        }
+        Ok(all)
+    }
+
+    fn refuse(&self, error: &ScaffoldError, node_places: &[usize]) -> ReadError {
+        let bad = |place, found: String, expected: &str| {
+            ReadError::data(self.path, place, found, expected)
+        };
+        match error {
+            ScaffoldError::Empty => {
+                let found = match self.skipped {
+                    0 => "no elements".to_owned(),
+                    n => format!("only {n} points and lines"),
+                };
+                no_solids(self.path, found)
+            }
+            ScaffoldError::BadNode { node, at } => bad(
+                Place::Item("node", self.point_numbers[node_places[*node]]),
+                format!("the coordinates {} {} {}", at[0], at[1], at[2]),
+                "finite numbers below 1e18",
+            ),
+            other => bad(Place::File, other.to_string(), "a mesh of elements"),
+        }
+    }
+}
+
+/// Where each of the file's point numbers stands in the list of points.
+enum Places {
+    /// Numbers first, first + 1, ...
+    Run {
+        first: u64,
+        count: u64,
+    },
+    Scattered(HashMap<u64, u32>),
+}
+
+impl Places {
+    fn new(path: &Path, numbers: &[u64]) -> Result<Self, ReadError> {
+        let first = numbers.first().copied().unwrap_or(0);
+        if numbers
+            .iter()
+            .enumerate()
+            .all(|(i, &n)| n.wrapping_sub(first) == i as u64)
+        {
+            return Ok(Self::Run {
+                first,
+                count: numbers.len() as u64,
+            });
+        }
+        let mut places = HashMap::with_capacity(numbers.len());
+        for (i, &n) in numbers.iter().enumerate() {
+            if places.insert(n, i as u32).is_some() {
+                return Err(ReadError::data(
+                    path,
+                    Place::Item("node", n),
+                    "a second node of this number",
+                    "every number once",
+                ));
+            }
+        }
+        Ok(Self::Scattered(places))
+    }
+
+    fn find(&self, number: u64) -> Option<usize> {
+        match self {
+            Self::Run { first, count } => {
+                let place = number.wrapping_sub(*first);
+                (place < *count).then_some(place as usize)
+            }
+            Self::Scattered(places) => places.get(&number).map(|&i| i as usize),
+        }
+    }
+}

@@ -1,0 +1,167 @@
+//! Cylinders and balls of curved hexes, made without a mesher.
+//!
+//! Around a core, a square or cube bulged towards the circle, lie blocks that reach to the rim
+//! ("O-grid"). Elements are Hex27 with their nodes on the shape itself: the rim is met to the third
+//! order of the cell size.
+
+use super::{Connectivity, Kind, Scaffold, ScaffoldError};
+use crate::frame::Vec3;
+use std::collections::HashMap;
+
+/// Share of the radius that the core takes.
+const CORE: f64 = 0.5;
+/// How far the core's sides are bulged from flat (0) to round (1).
+const BULGE: f64 = 0.5;
+/// Most elements.
+const MOST: f64 = 2e7;
+
+/// A lattice point: of the core, and how many half layers outside it.
+type Name = ([i64; 3], i64);
+
+/// The direction of a point of the cube's surface: evened out by the tangent of its angles.
+fn direction(c: Vec3) -> Vec3 {
+    c.map(|c| (c * std::f64::consts::FRAC_PI_4).tan())
+        .try_normalize(0.0)
+        .unwrap_or_default()
+}
+
+/// Where a lattice point lies in a ball of radius 1; `flat` leaves z out of it (a disc).
+fn place((i, layer): Name, n: i64, layers: i64) -> Vec3 {
+    let c = Vec3::from(i.map(|i| i as f64 / n as f64 - 1.0));
+    let size = c.amax();
+    let unit = if size > 0.0 { direction(c / size) } else { c };
+    let inner = (c * (1.0 - BULGE) / 2f64.sqrt() * 1.1 + unit * (size * BULGE)) * CORE;
+    let outward = layer as f64 / (2 * layers) as f64;
+    inner * (1.0 - outward) + unit * outward
+}
+
+struct Builder<F> {
+    place: F,
+    names: HashMap<Name, u32>,
+    nodes: Vec<Vec3>,
+    elements: Connectivity,
+}
+
+impl<F: Fn(Name) -> Vec3> Builder<F> {
+    /// Adds the element whose lattice points are named by half steps 0 to 2 along its axes.
+    fn hex(&mut self, name: impl Fn([i64; 3]) -> Name) {
+        let own: Vec<u32> = Kind::Hex27
+            .lattice()
+            .iter()
+            .map(|p| {
+                let name = name(p.map(i64::from));
+                *self.names.entry(name).or_insert_with(|| {
+                    self.nodes.push((self.place)(name));
+                    self.nodes.len() as u32 - 1
+                })
+            })
+            .collect();
+        self.elements.push(Kind::Hex27, &own);
+    }
+}
+
+impl Scaffold {
+    /// A ball around the origin, of hexes of about `cell` along their edges.
+    ///
+    /// # Errors
+    /// [`ScaffoldError::BadRound`], [`ScaffoldError::TooMany`].
+    pub fn ball(radius: f64, cell: f64) -> Result<Self, ScaffoldError> {
+        let (n, layers) = counts(radius, cell, 3, 1.0)?;
+        let mut builder = Builder {
+            place: |name: Name| place(name, n, layers) * radius,
+            names: HashMap::new(),
+            nodes: Vec::new(),
+            elements: Connectivity::default(),
+        };
+        for z in 0..n {
+            for y in 0..n {
+                for x in 0..n {
+                    builder.hex(|p| ([2 * x + p[0], 2 * y + p[1], 2 * z + p[2]], 0));
+                }
+            }
+        }
+        for axis in 0..3 {
+            for end in [0, 2 * n] {
+                for v in 0..n {
+                    for u in 0..n {
+                        for l in 0..layers {
+                            builder.hex(|p| {
+                                let mut i = [0; 3];
+                                i[axis] = end;
+                                i[(axis + 1) % 3] = 2 * u + p[0];
+                                i[(axis + 2) % 3] = 2 * v + p[1];
+                                (i, 2 * l + p[2])
+                            });
+                        }
+                    }
+                }
+            }
+        }
+        Self::new(builder.nodes, builder.elements)
+    }
+
+    /// A cylinder around the z axis from z = 0 to `height`, of hexes of about `cell` along their
+    /// edges.
+    ///
+    /// # Errors
+    /// [`ScaffoldError::BadRound`], [`ScaffoldError::TooMany`].
+    pub fn cylinder(radius: f64, height: f64, cell: f64) -> Result<Self, ScaffoldError> {
+        if !(height.is_finite() && height > 0.0) {
+            return Err(ScaffoldError::BadRound { radius: height, cell });
+        }
+        let floors = (height / cell).round().max(1.0);
+        let (n, layers) = counts(radius, cell, 2, floors)?;
+        let floors = floors as i64;
+        let mut builder = Builder {
+            place: |(i, layer): Name| {
+                // In the disc's middle plane the core's third coordinate is that of its centre.
+                let flat = place(([i[0], i[1], n], layer), n, layers) * radius;
+                Vec3::new(flat.x, flat.y, height * (i[2] as f64 / (2 * floors) as f64))
+            },
+            names: HashMap::new(),
+            nodes: Vec::new(),
+            elements: Connectivity::default(),
+        };
+        for z in 0..floors {
+            for y in 0..n {
+                for x in 0..n {
+                    builder.hex(|p| ([2 * x + p[0], 2 * y + p[1], 2 * z + p[2]], 0));
+                }
+            }
+            for axis in 0..2 {
+                for end in [0, 2 * n] {
+                    for u in 0..n {
+                        for l in 0..layers {
+                            builder.hex(|p| {
+                                let mut i = [0, 0, 2 * z + p[2]];
+                                i[axis] = end;
+                                i[1 - axis] = 2 * u + p[0];
+                                (i, 2 * l + p[1])
+                            });
+                        }
+                    }
+                }
+            }
+        }
+        Self::new(builder.nodes, builder.elements)
+    }
+}
+
+/// Cells along the core's edge and layers around it.
+fn counts(radius: f64, cell: f64, dimension: i32, floors: f64) -> Result<(i64, i64), ScaffoldError> {
+    let usable = |l: f64| l.is_finite() && l > 0.0;
+    if !usable(radius) || !usable(cell) {
+        return Err(ScaffoldError::BadRound { radius, cell });
+    }
+    let n = (2.0 * CORE * radius / cell).round().max(1.0);
+    let layers = ((1.0 - CORE) * radius / cell).round().max(1.0);
+    let sides = f64::from(2 * dimension);
+    let found = (n.powi(dimension) + sides * n.powi(dimension - 1) * layers) * floors;
+    if found > MOST {
+        return Err(ScaffoldError::TooMany {
+            found: found.min(1e18) as usize,
+            what: "elements",
+        });
+    }
+    Ok((n as i64, layers as i64))
+}

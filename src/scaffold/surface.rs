@@ -1,0 +1,227 @@
+//! Surfaces: meshes of triangles and quads, which a thickness makes scaffolds of.
+//!
+//! A *shell* has thickness tau along vertex normals: x = X(r, s) + zeta tau sum `N_a(r, s)` `n_a`,
+//! zeta in `[-1/2, 1/2]`, with `n_a` the mean of the normals of the elements at node a, weighted by
+//! their angle there, of unit length. So neighbours share their side faces, and where the surface
+//! is bent too sharply for the thickness the elements are folded, which [`Scaffold::validate`]
+//! reports. A *plate* is a planar mesh extruded along z.
+//!
+//! Elements become prisms: Tri3 Wedge6, Tri6 Wedge18, Quad4 Hex8, Quad8 Hex20, Quad9 Hex27. The third
+//! reference coordinate runs through the thickness.
+
+use super::{Connectivity, Kind, Scaffold, ScaffoldError};
+use crate::frame::{Aabb, Vec3};
+use std::collections::BTreeMap;
+
+/// Nodes and planar elements.
+///
+/// Holds: at least one element; all are planar; node numbers exist; coordinates are finite.
+#[derive(Clone, Debug)]
+pub struct Surface {
+    nodes: Vec<Vec3>,
+    elements: Connectivity,
+    numbers: Vec<u64>,
+}
+
+impl Surface {
+    /// A surface of these nodes (world units) and planar elements, nodes in VTK order.
+    ///
+    /// # Errors
+    /// As [`Scaffold::new`], with solids in the place of planar elements.
+    pub fn new(nodes: Vec<Vec3>, elements: Connectivity) -> Result<Self, ScaffoldError> {
+        super::check(&nodes, &elements, true)?;
+        Ok(Self {
+            nodes,
+            elements,
+            numbers: Vec::new(),
+        })
+    }
+
+    /// The same surface with the numbers that its file gives to the elements. Ignored unless there
+    /// is one for each.
+    #[must_use]
+    pub fn with_numbers(mut self, numbers: Vec<u64>) -> Self {
+        if numbers.len() == self.len() {
+            self.numbers = numbers;
+        }
+        self
+    }
+
+    /// Node coordinates, world units.
+    pub fn nodes(&self) -> &[Vec3] {
+        &self.nodes
+    }
+
+    /// Kinds and node numbers.
+    pub fn connectivity(&self) -> &Connectivity {
+        &self.elements
+    }
+
+    /// Number of elements.
+    pub fn len(&self) -> usize {
+        self.elements.len()
+    }
+
+    /// Never: a surface has at least one element.
+    pub fn is_empty(&self) -> bool {
+        self.elements.is_empty()
+    }
+
+    /// The box around the nodes.
+    pub fn bounds(&self) -> Aabb {
+        Aabb::of(self.nodes.iter().copied())
+    }
+
+    /// Elements of each kind that occurs.
+    pub fn kinds(&self) -> Vec<(Kind, usize)> {
+        let mut found = BTreeMap::new();
+        for e in 0..self.len() {
+            *found.entry(self.elements.kind(e)).or_default() += 1;
+        }
+        found.into_iter().collect()
+    }
+
+    /// The same surface with its nodes moved.
+    ///
+    /// # Errors
+    /// [`ScaffoldError::BadNode`] where a moved node is no usable point.
+    pub fn mapped(&self, map: impl Fn(Vec3) -> Vec3) -> Result<Self, ScaffoldError> {
+        let nodes = self.nodes.iter().map(|&v| map(v)).collect();
+        Ok(Self::new(nodes, self.elements.clone())?.with_numbers(self.numbers.clone()))
+    }
+
+    /// Greatest |z - mean z| of the nodes: 0 for a planar mesh in the plane of x and y.
+    pub fn unevenness(&self) -> f64 {
+        let mean = self.nodes.iter().map(|p| p.z).sum::<f64>() / self.nodes.len() as f64;
+        let off = self.nodes.iter().map(|p| (p.z - mean).abs());
+        off.fold(0.0, f64::max)
+    }
+
+    /// The plate of this height around a planar mesh: extruded along z, to both sides alike. What
+    /// the mesh has of z stays.
+    ///
+    /// # Errors
+    /// [`ScaffoldError::BadThickness`].
+    pub fn plate(&self, height: f64) -> Result<Scaffold, ScaffoldError> {
+        self.thickened(height, &vec![Vec3::z(); self.nodes.len()])
+    }
+
+    /// The shell of this thickness around the surface, to both sides alike.
+    ///
+    /// # Errors
+    /// [`ScaffoldError::BadThickness`]; [`ScaffoldError::NoNormal`] for a node at which the elements
+    /// have no common outside.
+    pub fn shell(&self, thickness: f64) -> Result<Scaffold, ScaffoldError> {
+        let normals = self.normals()?;
+        self.thickened(thickness, &normals)
+    }
+
+    fn thickened(&self, thickness: f64, along: &[Vec3]) -> Result<Scaffold, ScaffoldError> {
+        if !(thickness.is_finite() && thickness > 0.0) {
+            return Err(ScaffoldError::BadThickness(thickness));
+        }
+        let mut numbers: BTreeMap<(u32, i8), u32> = BTreeMap::new();
+        let mut nodes = Vec::new();
+        let mut elements = Connectivity::default();
+        for e in 0..self.len() {
+            let Some((kind, places)) = self.elements.kind(e).thickened() else {
+                continue;
+            };
+            let own = self.elements.nodes(e);
+            let made: Vec<u32> = places
+                .into_iter()
+                .map(|(node, level)| {
+                    let n = own[node as usize];
+                    *numbers.entry((n, level)).or_insert_with(|| {
+                        let shift = along[n as usize] * (f64::from(level) * thickness / 2.0);
+                        nodes.push(self.nodes[n as usize] + shift);
+                        nodes.len() as u32 - 1
+                    })
+                })
+                .collect();
+            elements.push(kind, &made);
+        }
+        Ok(Scaffold::new(nodes, elements)?.with_numbers(self.numbers.clone()))
+    }
+
+    /// Unit normals at the nodes; elements are turned to a common side where their edges tell it.
+    fn normals(&self) -> Result<Vec<Vec3>, ScaffoldError> {
+        let turned = self.turned();
+        let mut sums = vec![Vec3::zeros(); self.nodes.len()];
+        for e in 0..self.len() {
+            let kind = self.elements.kind(e);
+            let own = self.elements.nodes(e);
+            let at = |n: usize| self.nodes[own[n] as usize];
+            let side = if turned[e] { -1.0 } else { 1.0 };
+            let n = kind.corner_count();
+            let mut whole = Vec3::zeros();
+            for i in 0..n {
+                let (a, b) = (at((i + 1) % n) - at(i), at((i + n - 1) % n) - at(i));
+                let angle = a.angle(&b);
+                let Some(normal) = a.cross(&b).try_normalize(0.0) else {
+                    continue;
+                };
+                sums[own[i] as usize] += normal * (angle * side);
+                whole += normal * side;
+            }
+            for &mid in &own[n..] {
+                sums[mid as usize] += whole / n as f64;
+            }
+        }
+        let used: std::collections::BTreeSet<u32> = (0..self.len())
+            .flat_map(|e| self.elements.nodes(e).iter().copied())
+            .collect();
+        for (node, sum) in sums.iter_mut().enumerate() {
+            match sum.try_normalize(1e-6) {
+                Some(unit) => *sum = unit,
+                None if used.contains(&(node as u32)) => {
+                    let at = self.nodes[node].into();
+                    return Err(ScaffoldError::NoNormal { node, at });
+                }
+                None => {}
+            }
+        }
+        Ok(sums)
+    }
+
+    /// Which elements have to be turned for neighbours to agree on a side, the first of each piece
+    /// staying as it is. On a one-sided surface some neighbours do not agree.
+    fn turned(&self) -> Vec<bool> {
+        let mut edges: BTreeMap<[u32; 2], Vec<(usize, bool)>> = BTreeMap::new();
+        for e in 0..self.len() {
+            let own = self.elements.nodes(e);
+            let n = self.elements.kind(e).corner_count();
+            for i in 0..n {
+                let (a, b) = (own[i], own[(i + 1) % n]);
+                edges
+                    .entry([a.min(b), a.max(b)])
+                    .or_default()
+                    .push((e, a < b));
+            }
+        }
+        let mut beside: Vec<Vec<(usize, bool)>> = vec![Vec::new(); self.len()];
+        for pair in edges.values() {
+            if let [(a, up), (b, other)] = pair[..] {
+                beside[a].push((b, up == other));
+                beside[b].push((a, up == other));
+            }
+        }
+        let mut turned: Vec<Option<bool>> = vec![None; self.len()];
+        for first in 0..self.len() {
+            if turned[first].is_some() {
+                continue;
+            }
+            turned[first] = Some(false);
+            let mut open = vec![first];
+            while let Some(e) = open.pop() {
+                for &(other, against) in &beside[e] {
+                    if turned[other].is_none() {
+                        turned[other] = turned[e].map(|t| t != against);
+                        open.push(other);
+                    }
+                }
+            }
+        }
+        turned.into_iter().map(|t| t == Some(true)).collect()
+    }
+}

@@ -1,0 +1,183 @@
+//! Scaffolds made or cut up here.
+
+use crate::strategy::{Noise, cell_point, mesh};
+use druse::frame::{Element, Vec3, WorldPoint};
+use druse::scaffold::{Connectivity, Divided, Kind, Scaffold, ScaffoldError, Surface};
+use proptest::prelude::*;
+use std::f64::consts::PI;
+
+fn volume(s: &Scaffold) -> f64 {
+    s.elements().map(|e| e.volume().abs()).sum()
+}
+
+/// One piece that fits together, none of it folded.
+fn is_sound(s: &Scaffold) -> bool {
+    let report = s.validate().unwrap();
+    report.warnings().is_empty() && report.components == 1
+}
+
+#[test]
+fn round_scaffolds_have_their_volume_to_the_fourth_order() {
+    let exact = 4.0 / 3.0 * PI * 8.0;
+    let error = |cell: f64| {
+        let s = Scaffold::ball(2.0, cell).unwrap();
+        assert!(is_sound(&s) && s.len() >= 7);
+        (volume(&s) / exact - 1.0).abs()
+    };
+    let [coarse, fine] = [1.0, 0.5].map(error);
+    assert!(fine < 1e-3 && fine < coarse / 8.0, "{coarse} {fine}");
+    let exact = PI * 4.0 * 3.0;
+    let error = |cell: f64| {
+        let s = Scaffold::cylinder(2.0, 3.0, cell).unwrap();
+        assert!(is_sound(&s));
+        (volume(&s) / exact - 1.0).abs()
+    };
+    let [coarse, fine] = [1.0, 0.5].map(error);
+    assert!(fine < 1e-3 && fine < coarse / 8.0, "{coarse} {fine}");
+    for (radius, cell) in [(0.0, 1.0), (1.0, -1.0), (f64::NAN, 1.0)] {
+        let e = Scaffold::ball(radius, cell).unwrap_err();
+        assert!(matches!(e, ScaffoldError::BadRound { .. }));
+    }
+    let e = Scaffold::cylinder(1.0, 1.0, 1e-9).unwrap_err();
+    assert!(matches!(e, ScaffoldError::TooMany { .. }));
+}
+
+fn cut_kinds() -> impl Strategy<Value = Kind> {
+    let kinds = Kind::solids().filter(|k| k.shape() != Element::Pyramid);
+    proptest::sample::select(kinds.collect::<Vec<_>>())
+}
+
+/// The parts have their element's geometry, fit together, and know where they come from.
+fn check(whole: &Scaffold, cut: &Divided, per_element: usize, seed: u64) {
+    assert_eq!(cut.scaffold.len(), whole.len() * per_element);
+    assert_eq!(cut.parents.len(), cut.scaffold.len());
+    assert!((volume(&cut.scaffold) / volume(whole) - 1.0).abs() < 1e-11);
+    let report = cut.scaffold.report();
+    assert!(report.defects.torn.is_empty() && report.defects.hanging.is_empty());
+    assert!(report.defects.unmerged.is_empty() && report.defects.overlapping.is_empty());
+    assert_eq!(report.components, 1);
+    let mut noise = Noise::new(seed);
+    for (part, &parent) in cut.scaffold.elements().zip(&cut.parents) {
+        let x = part.map(cell_point(part.shape(), &mut noise));
+        let xi = whole.element(parent as usize).inverse_inside(x, 1e-8);
+        assert!(xi.is_some(), "{x:?} of a part lies in its element");
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(12))]
+
+    #[test]
+    fn parts_make_up_their_elements(kind in cut_kinds(), seed: u64) {
+        let (nodes, elements) = mesh(kind, [2, 2, 1], 0.05, seed);
+        let whole = Scaffold::new(nodes, elements).unwrap();
+        prop_assume!(whole.validate().is_ok());
+        check(&whole, &whole.refined().unwrap(), 8, seed);
+        let corners = kind.corner_count();
+        check(&whole, &whole.all_hex().unwrap(), corners, seed);
+        let hexes = whole.all_hex().unwrap().scaffold;
+        prop_assert_eq!(hexes.shapes(), [Element::Hex]);
+        if kind.shape() == Element::Hex {
+            check(&whole, &whole.repeated(3).unwrap(), 27, seed);
+        } else {
+            let refused = matches!(whole.repeated(3), Err(ScaffoldError::NoParts { .. }));
+            prop_assert!(refused);
+        }
+    }
+}
+
+#[test]
+fn mixed_meshes_become_hexes_that_fit() {
+    // A hex, a wedge on it and a tet on the wedge.
+    let v = |x, y, z| Vec3::new(x, y, z);
+    let nodes = vec![
+        v(0., 0., 0.), v(1., 0., 0.), v(1., 1., 0.), v(0., 1., 0.),
+        v(0., 0., 1.), v(1., 0., 1.), v(1., 1., 1.), v(0., 1., 1.),
+        v(0.5, 0., 2.), v(0.5, 1., 2.), v(0.5, 2., 1.5),
+    ];
+    let mut elements = Connectivity::default();
+    elements.push(Kind::Hex8, &[0, 1, 2, 3, 4, 5, 6, 7]);
+    elements.push(Kind::Wedge6, &[4, 5, 8, 7, 6, 9]);
+    elements.push(Kind::Tet4, &[7, 6, 9, 10]);
+    let whole = Scaffold::new(nodes, elements).unwrap();
+    let cut = whole.all_hex().unwrap();
+    assert_eq!(cut.scaffold.len(), 8 + 6 + 4);
+    assert!(is_sound(&cut.scaffold));
+    assert!((volume(&cut.scaffold) - volume(&whole)).abs() < 1e-12);
+}
+
+#[test]
+fn pyramids_are_refused_with_advice() {
+    let pyramids = Scaffold::box_grid(Vec3::repeat(1.0), [1, 1, 1], Kind::Pyramid5).unwrap();
+    assert!(is_sound(&pyramids));
+    for e in [pyramids.refined(), pyramids.all_hex(), pyramids.repeated(2)] {
+        let text = e.unwrap_err().to_string();
+        assert!(text.contains("element 0 (Pyramid5)"), "{text}");
+    }
+    assert!(pyramids.repeated(0).is_err());
+}
+
+/// A cylinder's surface of quads, its nodes wound at random.
+fn tube(kind: Kind, seed: u64) -> Surface {
+    let (around, along) = (16, 4);
+    let mut noise = Noise::new(seed);
+    let node = |i: usize, j: usize| (j * around + i % around) as u32;
+    let mut nodes = Vec::new();
+    for j in 0..=along {
+        for i in 0..around {
+            let (s, c) = (i as f64 / around as f64 * 2.0 * PI).sin_cos();
+            nodes.push(Vec3::new(c * 2.0, s * 2.0, j as f64));
+        }
+    }
+    let mut elements = Connectivity::default();
+    for j in 0..along {
+        for i in 0..around {
+            let mut q = [node(i, j), node(i + 1, j), node(i + 1, j + 1), node(i, j + 1)];
+            q.rotate_left(noise.below(4));
+            if noise.below(2) == 0 {
+                q.reverse();
+            }
+            match kind {
+                Kind::Quad4 => elements.push(kind, &q),
+                _ => {
+                    elements.push(kind, &[q[0], q[1], q[2]]);
+                    elements.push(kind, &[q[2], q[3], q[0]]);
+                }
+            }
+        }
+    }
+    Surface::new(nodes, elements).unwrap()
+}
+
+#[test]
+fn shells_have_their_thickness_whatever_way_elements_are_wound() {
+    for seed in 0..4 {
+        for kind in [Kind::Quad4, Kind::Tri3] {
+            let surface = tube(kind, seed);
+            let shell = surface.shell(0.4).unwrap();
+            assert!(is_sound(&shell), "{kind:?}");
+            // Nodes lie at radius 2 +- 0.2 but for the ends, whose normals are those of one side.
+            for p in shell.nodes() {
+                let off = (p.x.hypot(p.y) - 2.0).abs();
+                assert!((off - 0.2).abs() < 1e-2, "{off}");
+            }
+            let ring = PI * (2.2f64.powi(2) - 1.8f64.powi(2)) * 4.0;
+            assert!((volume(&shell) / ring - 1.0).abs() < 0.04);
+            // Thicker than twice the radius the shell is folded through the axis.
+            let folded = surface.shell(5.0).unwrap();
+            assert!(folded.validate().is_err());
+        }
+    }
+    let e = tube(Kind::Quad4, 0).shell(-1.0).unwrap_err();
+    assert!(matches!(e, ScaffoldError::BadThickness(_)));
+}
+
+#[test]
+fn points_of_a_plate_are_found() {
+    let mut elements = Connectivity::default();
+    elements.push(Kind::Quad4, &[0, 1, 2, 3]);
+    let nodes = [[0., 0.], [2., 0.], [2., 1.], [0., 1.]].map(|[x, y]| Vec3::new(x, y, 5.0));
+    let plate = Surface::new(nodes.to_vec(), elements).unwrap().plate(3.0).unwrap();
+    let (_, xi) = plate.locate(WorldPoint(Vec3::new(1.5, 0.25, 6.5))).unwrap();
+    assert!((xi.0 - Vec3::new(0.25, -0.25, 0.5)).norm() < 1e-12);
+}
