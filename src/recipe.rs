@@ -35,6 +35,7 @@ mod output;
 mod quantity;
 mod scaffold;
 mod source;
+mod tiling;
 
 pub use brief::{Brief, Short};
 pub use cell::{Caps, CellSection, ElementName, Place as CellPlace, Solid};
@@ -52,9 +53,12 @@ pub use quantity::{
 };
 pub use scaffold::{
     BandSection, Boundary, BoxKind, BoxScaffold, CylinderScaffold, Distance, FillKind, FillScaffold,
-    Plate, ScaffoldSection, Shell, SphereScaffold, TilingSection,
+    Plate, ScaffoldSection, Shell, SphereScaffold,
 };
 pub use source::Source;
+pub use tiling::{
+    Assignment, FieldRef, Interpolation, Outside, Share, TilingSection, Varying,
+};
 
 /// The version of the recipe's words that this program reads.
 pub const VERSION: i64 = 1;
@@ -74,7 +78,7 @@ pub struct Sections {
     pub cell: BTreeMap<String, CellSection>,
     /// The mesh whose elements are filled.
     pub scaffold: Option<ScaffoldSection>,
-    /// Which cell fills it.
+    /// Which cells fill it.
     pub tiling: Option<TilingSection>,
     /// The sampling of the solid.
     pub band: BandSection,

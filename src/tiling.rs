@@ -24,21 +24,29 @@
 
 use crate::cell::Table;
 use crate::field::{Field, Interval, SampleLattice};
-use crate::frame::{Aabb, CellPoint, Element, Vec3, WorldPoint};
+use crate::frame::{Aabb, CellPoint, Vec3, WorldPoint};
 use crate::mesh::MeshSolid;
 use crate::scaffold::Scaffold;
 
+mod blend;
 mod bound;
+mod certificate;
 mod clamp;
+mod corners;
 mod exact;
 mod fill;
 mod near;
 mod patch;
+mod path;
 mod scale;
+mod seam;
 mod source;
-mod turned;
 
-pub use source::CellField;
+pub use blend::{Blend, Member};
+pub use certificate::{Certificate, FaceStatistics, Seam, certify};
+pub use corners::Interpolation;
+pub use path::{PathCheck, check_path};
+pub use source::{CellField, Filling, fills};
 
 use near::{Known, Local};
 use patch::Patch;
@@ -89,26 +97,42 @@ pub enum TilingError {
         /// Name of its shape.
         found: &'static str,
     },
-    /// A cell whose copies in neighbours need not meet.
+    /// Copies of a cell in neighbours that do not meet.
     #[error(
-        "the cell lacks symmetries of the {cell}: turned by another numbering of an element's nodes \
-         it is another cell, and would be torn at the faces; fit it with the {cell}'s whole group"
+        "the cell does not continue from element {} (a {}) to element {} (a {}): its values on their \
+         common face differ by {jump:.3} reference lengths; use a cell with its element's whole group, \
+         and in mixed meshes cells that agree on faces, or all_hex = true with one hex cell",
+        elements[0], shapes[0], elements[1], shapes[1]
     )]
-    Symmetry {
-        /// Name of the cell's element.
-        cell: &'static str,
+    Seam {
+        /// Numbers of the elements, of their file.
+        elements: [u64; 2],
+        /// Names of their shapes.
+        shapes: [&'static str; 2],
+        /// The greatest difference seen, over the mean slope.
+        jump: f64,
     },
-    /// Two hexes that are turned against each other, and a cell that is not the same for both.
-    #[error(
-        "the cell lacks symmetries of the hex, and elements {first} and {second} of the scaffold are \
-         turned against each other, so that it would be torn at their face; use a box, whose elements \
-         are turned alike, or fit the cell with the hex's whole group"
-    )]
-    Turned {
-        /// Number of an element.
-        first: usize,
-        /// Number of its neighbour.
-        second: usize,
+    /// Weights that say nothing.
+    #[error("the weights at ({}, {}, {}) sum to {sum}; expected a positive, finite sum", at[0], at[1], at[2])]
+    Weights {
+        /// The node, world coordinates.
+        at: [f64; 3],
+        /// Their sum there.
+        sum: f64,
+    },
+    /// Too few or too many weights.
+    #[error("{found} weights; expected {expected}, one for each cell at each node")]
+    WeightCount {
+        /// How many there are.
+        found: usize,
+        /// How many there should be.
+        expected: usize,
+    },
+    /// Pyramids have no smoothed weights.
+    #[error("element {number} is a pyramid, whose weights cannot be smoothed; expected linear ones")]
+    Smoothstep {
+        /// Its number in the file.
+        number: u64,
     },
     /// A length is not positive and finite.
     #[error("{what} is {value}; expected a positive, finite length")]
@@ -154,26 +178,42 @@ pub struct Sample {
 }
 
 /// A cell over all elements of a scaffold, as a field of signed distances.
-pub struct TiledSolid<'a, C: CellField = Table> {
+pub struct TiledSolid<'a, F: Filling = Table> {
     scaffold: &'a Scaffold,
-    cell: &'a C,
+    filling: Held<'a, F>,
     options: TilingOptions,
     patches: Vec<Patch>,
     component_of: Vec<u32>,
     components: Vec<Component>,
 }
 
+/// A filling that somebody else owns, or the tiling itself.
+enum Held<'a, F> {
+    Borrowed(&'a F),
+    Owned(Box<F>),
+}
+
+impl<F> std::ops::Deref for Held<'_, F> {
+    type Target = F;
+    fn deref(&self) -> &F {
+        match self {
+            Self::Borrowed(f) => f,
+            Self::Owned(f) => f,
+        }
+    }
+}
+
 /// Chordal error of the boundary's triangles on curved faces, in voxels.
 const CHORD: f64 = 0.05;
 
-impl<'a, C: CellField> TiledSolid<'a, C> {
+impl<'a, F: Filling> TiledSolid<'a, F> {
     /// Prepares the tiling: slopes of every element, boundary of every component.
     ///
     /// # Errors
     /// See [`TilingError`].
     pub fn new(
         scaffold: &'a Scaffold,
-        cell: &'a C,
+        filling: Held<'a, F>,
         options: TilingOptions,
     ) -> Result<Self, TilingError> {
         for (what, value) in [
@@ -184,34 +224,15 @@ impl<'a, C: CellField> TiledSolid<'a, C> {
                 return Err(TilingError::Length { what, value });
             }
         }
-        let (sup, rms) = (cell.gradient_sup(), cell.gradient_rms());
-        if !(sup.is_finite() && rms.is_finite() && sup > 0.0 && rms > 0.0) {
-            return Err(TilingError::Slope { rms, sup });
-        }
         if scaffold.is_empty() {
             return Err(TilingError::Empty);
         }
-        for number in 0..scaffold.len() {
-            let found = scaffold.element(number).shape();
-            if found != cell.element() {
-                return Err(TilingError::Shape {
-                    cell: cell.element().name(),
-                    number,
-                    found: found.name(),
-                });
-            }
-        }
-        if !cell.fits_any_numbering() {
-            let name = cell.element().name();
-            if cell.element() != Element::Hex {
-                return Err(TilingError::Symmetry { cell: name });
-            }
-            if let Some([first, second]) = turned::torn(scaffold, cell.operators()) {
-                return Err(TilingError::Turned { first, second });
-            }
-        }
+        filling.check(scaffold)?;
         let patches = (0..scaffold.len())
-            .map(|number| Patch::new(scaffold, number, sup, rms))
+            .map(|number| {
+                let (sup, rms) = (filling.gradient_sup(number), filling.gradient_rms(number));
+                Patch::new(scaffold, number, sup, rms)
+            })
             .collect();
         let mut component_of = vec![0; scaffold.len()];
         let mut components = Vec::new();
@@ -226,7 +247,7 @@ impl<'a, C: CellField> TiledSolid<'a, C> {
         }
         Ok(Self {
             scaffold,
-            cell,
+            filling,
             options,
             patches,
             component_of,
@@ -283,7 +304,7 @@ impl<'a, C: CellField> TiledSolid<'a, C> {
         let (element, reference) = self.scaffold.locate(p)?;
         let element = element as usize;
         let spot = self.patches[element].spot_anyway(self.scaffold, p.0);
-        let (phi, slope) = self.cell.value_and_gradient(reference);
+        let (phi, slope) = self.filling.value_and_gradient(element, reference);
         Some(Sample {
             phi,
             gradient: spot.inverse.transpose() * slope,
@@ -331,7 +352,7 @@ impl<'a, C: CellField> TiledSolid<'a, C> {
     }
 }
 
-impl<C: CellField> Field for TiledSolid<'_, C> {
+impl<F: Filling> Field for TiledSolid<'_, F> {
     type Point = WorldPoint;
 
     fn value(&self, p: WorldPoint) -> f64 {

@@ -5,7 +5,12 @@ use super::op::{Op, Operand};
 use super::output::OutputKind;
 use super::quantity::{Length, Size, Width};
 use super::source::Source;
-use super::{CellSection, FileRef, ScaffoldSection, Sections, Solid, VERSION};
+use super::{
+    CellSection, FileRef, ScaffoldSection, Sections, Solid, TilingSection, VERSION,
+};
+
+/// Cells that one tiling may blend.
+const MOST_CELLS: usize = 8;
 
 type Checked = Result<(), RecipeError>;
 
@@ -123,24 +128,67 @@ fn scaffold(sections: &Sections, source: &Source) -> Checked {
                 ));
             }
             scaffold_keys(scaffold, source)?;
-            if sections.cell.contains_key(&tiling.cell) {
-                return Ok(());
+            tiling_keys(tiling, source)?;
+            for name in tiling.cells() {
+                known_cell(name, sections, source)?;
             }
-            let known: Vec<&String> = sections.cell.keys().collect();
-            let error = source.fault(
-                "tiling.cell",
-                format!(
-                    "no cell is named {:?}; the recipe has {}",
-                    tiling.cell,
-                    list(&known)
-                ),
-            );
-            Err(match nearest(&tiling.cell, &known) {
-                Some(word) => error.hint(format!("did you mean \"{word}\"?")),
-                None => error,
-            })
+            Ok(())
         }
     }
+}
+
+fn tiling_keys(tiling: &TilingSection, source: &Source) -> Checked {
+    let mut given = Vec::new();
+    given.extend(tiling.cell.iter().map(|_| "cell"));
+    given.extend((!tiling.transition.is_empty()).then_some("transition"));
+    given.extend((!tiling.assign.is_empty()).then_some("assign"));
+    if given.len() != 1 {
+        let found = list(&given);
+        return Err(source.fault(
+            "tiling",
+            format!("[tiling] needs exactly one of cell, transition, assign; found {found}"),
+        ));
+    }
+    if tiling.cells().len() > MOST_CELLS {
+        return Err(source.fault(
+            "tiling",
+            format!("{} cells in one tiling; expected at most {MOST_CELLS}", tiling.cells().len()),
+        ));
+    }
+    let graded = [
+        ("level", &tiling.level),
+        ("volume_fraction", &tiling.volume_fraction),
+        ("thickness", &tiling.thickness),
+    ];
+    let graded: Vec<&str> = graded.iter().filter(|g| g.1.is_some()).map(|g| g.0).collect();
+    if graded.len() > 1 {
+        let found = list(&graded);
+        return Err(source.fault(
+            &format!("tiling.{}", graded[1]),
+            format!("[tiling] takes one of level, volume_fraction, thickness; found {found}"),
+        ));
+    }
+    Ok(())
+}
+
+fn known_cell(name: &str, sections: &Sections, source: &Source) -> Checked {
+    if sections.cell.contains_key(name) {
+        return Ok(());
+    }
+    let known: Vec<&String> = sections.cell.keys().collect();
+    let key = if sections.tiling.as_ref().is_some_and(|t| t.cell.is_some()) {
+        "tiling.cell"
+    } else {
+        "tiling"
+    };
+    let error = source.fault(
+        key,
+        format!("no cell is named {name:?}; the recipe has {}", list(&known)),
+    );
+    Err(match nearest(name, &known) {
+        Some(word) => error.hint(format!("did you mean \"{word}\"?")),
+        None => error,
+    })
 }
 
 fn scaffold_keys(scaffold: &ScaffoldSection, source: &Source) -> Checked {

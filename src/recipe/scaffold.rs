@@ -1,4 +1,4 @@
-//! `[scaffold]`, `[tiling]` and `[band]`: what is filled, with what, and how finely it is sampled.
+//! `[scaffold]` and `[band]`: what is filled, and how finely it is sampled.
 
 use super::file::FileRef;
 use super::quantity::{HalfWidth, Length, Size};
@@ -160,14 +160,6 @@ pub enum Boundary {
     Cut,
     /// Nowhere: the structure continues outward unchanged until the envelope.
     Extend,
-}
-
-/// `[tiling]`: which cell fills the scaffold.
-#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct TilingSection {
-    /// Name of the cell that fills every element.
-    pub cell: String,
 }
 
 /// `[band]`: the sampling of the solid.

@@ -9,7 +9,8 @@
 
 use super::bernstein::{Net, Part};
 use super::kind::Kind;
-use super::map::{Affine, Curved, ElementMap, Map, PAIRS, bend};
+use super::element::ElementMap;
+use super::map::{Affine, Curved, Map, PAIRS, bend};
 use crate::frame::{Aabb, CellBox, CellPoint, Element, Mat3, Vec3};
 use std::sync::OnceLock;
 

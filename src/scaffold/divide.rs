@@ -205,14 +205,14 @@ impl PartNodes {
     }
 }
 
-/// Linear shape functions at parametric coordinates p / n, times a power of n; corners in VTK order.
+/// Linear shape functions at parametric coordinates p / n, times n^3; corners in VTK order.
 fn corner_shares(family: Family, [x, y, z]: [i64; 3], n: i64) -> Vec<i64> {
     let triangle = [n - x - y, x, y];
     match family {
-        Family::Simplex => vec![n - x - y - z, x, y, z],
+        Family::Simplex => [n - x - y - z, x, y, z].map(|s| s * n * n).to_vec(),
         Family::Prism => [n - z, z]
             .into_iter()
-            .flat_map(|h| triangle.map(|t| t * h))
+            .flat_map(|h| triangle.map(|t| t * h * n))
             .collect(),
         Family::Tensor => {
             let square = [

@@ -5,7 +5,8 @@
 
 use super::bernstein::{Net, Part};
 use super::kind::{Family, Kind};
-use super::map::{Curved, ElementMap, Map};
+use super::element::ElementMap;
+use super::map::{Curved, Map};
 use crate::frame::{CellPoint, Vec3};
 
 /// What is known of the sign of det J over an element.

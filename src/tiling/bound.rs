@@ -1,14 +1,14 @@
 //! What the tiling's values can be in a box: bounds of the cell over the box's image in each element.
 
 use super::near::Near;
-use super::{CellField, Distance, TiledSolid};
+use super::{Filling, Distance, TiledSolid};
 use crate::field::Interval;
 use crate::frame::Aabb;
 
 /// Room for the rounding of single precision, relative.
 const SLACK: f64 = 1e-6;
 
-impl<C: CellField> TiledSolid<'_, C> {
+impl<F: Filling> TiledSolid<'_, F> {
     /// Bound over all components.
     pub(super) fn bound_of_all(&self, region: &Aabb) -> Interval {
         let w = self.options.half_width;
@@ -73,7 +73,7 @@ impl<C: CellField> TiledSolid<'_, C> {
         let mut range: Option<Interval> = None;
         for &e in &near.patches {
             if let Some(image) = self.scaffold.element(e as usize).cell_box(region) {
-                let b = self.cell.bound(&image);
+                let b = self.filling.bound(e as usize, &image);
                 range = Some(range.map_or(b, |r| r.hull(b)));
             }
         }

@@ -2,7 +2,7 @@
 
 use super::near::Local;
 use super::patch::{Patch, Spot};
-use super::{CellField, TiledSolid};
+use super::{Filling, TiledSolid};
 use crate::frame::{CellPoint, Element, Mat3, Vec3};
 use std::sync::LazyLock;
 
@@ -82,7 +82,7 @@ impl Domain {
 /// The domains of each element, in the order of [`Element::ALL`].
 static DOMAINS: LazyLock<[Vec<Domain>; 6]> = LazyLock::new(|| Element::ALL.map(Domain::all));
 
-impl<C: CellField> TiledSolid<'_, C> {
+impl<F: Filling> TiledSolid<'_, F> {
     /// The distance at `x` by rule R, where rule Q gives `d`; never further from 0.
     pub(super) fn exact(&self, local: &Local, x: Vec3, d: f64) -> f64 {
         let mut best = d.abs();
@@ -119,7 +119,7 @@ impl<C: CellField> TiledSolid<'_, C> {
         let mut converged = false;
         for _ in 0..STEPS {
             let (p, jacobian) = patch.frame(self.scaffold, xi);
-            let (f, g) = self.cell.value_and_gradient(CellPoint(xi));
+            let (f, g) = self.filling.value_and_gradient(patch.number(), CellPoint(xi));
             let slope = domain.basis.tr_mul(&g);
             let step = if domain.dimension == 1 {
                 Vec3::new(-f / slope.x, 0.0, 0.0)

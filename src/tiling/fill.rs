@@ -1,14 +1,14 @@
 //! The tiling's values in bulk: what can be decided for small boxes is not asked of samples.
 
 use super::near::{Known, Local};
-use super::{CellField, TiledSolid};
+use super::{Filling, TiledSolid};
 use crate::field::{Field, SampleLattice};
 use crate::frame::{Aabb, Vec3, WorldPoint};
 
 /// Samples along the edge of the boxes that are decided as a whole.
 const PART: usize = 4;
 
-impl<C: CellField> TiledSolid<'_, C> {
+impl<F: Filling> TiledSolid<'_, F> {
     /// Values on a lattice, over all components.
     pub(super) fn fill_all(&self, lattice: &SampleLattice<WorldPoint>, out: &mut [f32]) {
         let w = self.options.half_width;

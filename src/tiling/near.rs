@@ -1,7 +1,7 @@
 //! Which elements matter at a point: its owner, its neighbours, the continuation outside.
 
 use super::patch::{ON_FACE, Patch, Spot};
-use super::{Boundary, CHORD, CellField, Distance, TiledSolid};
+use super::{Boundary, CHORD, Filling, Distance, TiledSolid};
 use crate::field::Interval;
 use crate::frame::{Aabb, Vec3};
 
@@ -57,7 +57,7 @@ impl Local {
     }
 }
 
-impl<C: CellField> TiledSolid<'_, C> {
+impl<F: Filling> TiledSolid<'_, F> {
     /// Blending reaches this far beyond an element's faces: one voxel.
     pub(super) fn delta(&self) -> f64 {
         self.options.voxel_size

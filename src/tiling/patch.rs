@@ -54,10 +54,11 @@ pub(super) struct Spot {
 }
 
 impl Patch {
-    /// Prepares element `number`; `slope_sup` and `slope_rms` are the cell's, in reference units.
+    /// Prepares element `number`; `slope_sup` and `slope_rms` are the filling's in it, in reference units.
     pub fn new(scaffold: &Scaffold, number: usize, slope_sup: f64, slope_rms: f64) -> Self {
         let element = scaffold.element(number);
         let shape = element.shape();
+        // The affine map that agrees at the origin; curved elements start Newton's method with it.
         let (centre, jacobian) = element.map_and_jacobian(CellPoint(Vec3::zeros()));
         let matrix = jacobian.try_inverse().unwrap_or_else(Mat3::zeros);
         let centre = centre.0;
@@ -283,6 +284,11 @@ impl Patch {
                 }
             }
         }
+    }
+
+    /// Its number in the scaffold.
+    pub fn number(&self) -> usize {
+        self.number
     }
 
     /// The world point of reference coordinates inside the element.

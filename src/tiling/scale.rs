@@ -2,7 +2,7 @@
 
 use super::near::{Local, Owner};
 use super::patch::{Patch, Spot};
-use super::{CellField, Distance, TiledSolid};
+use super::{Filling, Distance, TiledSolid};
 use crate::frame::{CellPoint, Vec3};
 
 /// Newton steps are damped where the slope is below this fraction of its mean.
@@ -10,11 +10,11 @@ const DAMPING: f64 = 0.05;
 /// Scales beyond this many times the mean distance per field unit are cut off.
 const STEEPEST: f64 = 10.0;
 
-impl<C: CellField> TiledSolid<'_, C> {
+impl<F: Filling> TiledSolid<'_, F> {
     /// The distance d(F) at a point of the scaffold, clamped to the band; the boundary not regarded.
     pub(super) fn distance(&self, local: &Local, at: Owner, x: Vec3) -> f64 {
         let w = self.options.half_width;
-        let slope = self.slope(&at.spot);
+        let slope = self.slope(local.near.patches[at.place], &at.spot);
         let f = slope.0;
         // Every scale is at least 1 / L.
         if f.abs() >= w * local.near.slope_sup {
@@ -51,16 +51,18 @@ impl<C: CellField> TiledSolid<'_, C> {
             let patch = self.patch(local, place);
             let weight = 1.0 - patch.overshoot(x, &spot).max(depth) / delta;
             if weight > 0.0 {
-                sum += weight * self.scale(patch, &spot, x, self.slope(&spot));
+                sum += weight * self.scale(patch, &spot, x, self.slope(patch.number() as u32, &spot));
                 weights += weight;
             }
         }
         (slope.0 * sum / weights).clamp(-w, w)
     }
 
-    /// The cell's value and its gradient in world space.
-    pub(super) fn slope(&self, spot: &Spot) -> (f64, Vec3) {
-        let (f, g) = self.cell.value_and_gradient(CellPoint(spot.xi));
+    /// The filling's value in an element and its gradient in world space.
+    pub(super) fn slope(&self, element: u32, spot: &Spot) -> (f64, Vec3) {
+        let (f, g) = self
+            .filling
+            .value_and_gradient(element as usize, CellPoint(spot.xi));
         (f, spot.inverse.tr_mul(&g))
     }
 
@@ -83,7 +85,7 @@ impl<C: CellField> TiledSolid<'_, C> {
         } else {
             let first = step(f0, g0);
             let ahead = patch.follow(self.scaffold, spot, first, x + first);
-            let (f1, g1) = self.slope(&ahead);
+            let (f1, g1) = self.slope(patch.number() as u32, &ahead);
             (first + step(f1, g1)).norm() / f0.abs()
         };
         s.min(STEEPEST / patch.slope_rms).max(1.0 / patch.slope_sup)

@@ -1,8 +1,10 @@
-//! What a tiling asks of a unit cell.
+//! What a tiling asks of what fills its elements: of one cell, and of fillings of several.
 
-use crate::cell::Table;
-use crate::field::Field;
-use crate::frame::{CellPoint, Element, Mat3};
+use super::{TilingError, seam};
+use crate::cell::{Cell, Table};
+use crate::field::{Field, Interval};
+use crate::frame::{CellBox, CellPoint, Element, Vec3};
+use crate::scaffold::Scaffold;
 
 /// A field of the cell frame that can fill a scaffold: smooth, defined beyond its element too (a
 /// periodic series is), with known slopes.
@@ -12,10 +14,6 @@ pub trait CellField: Field<Point = CellPoint<3>> {
     /// Whether the cell is the same whatever the numbering of an element's nodes.
     fn fits_any_numbering(&self) -> bool {
         true
-    }
-    /// The cell's own symmetries, the identity among them; asked where it lacks some of its element's.
-    fn operators(&self) -> &[Mat3] {
-        &[]
     }
     /// Bound of the gradient's length over the element, per unit of reference length.
     fn gradient_sup(&self) -> f64;
@@ -30,13 +28,113 @@ impl CellField for Table {
     fn fits_any_numbering(&self) -> bool {
         Self::fits_any_numbering(self)
     }
-    fn operators(&self) -> &[Mat3] {
-        Self::operators(self)
-    }
     fn gradient_sup(&self) -> f64 {
         Self::gradient_sup(self)
     }
     fn gradient_rms(&self) -> f64 {
         Self::gradient_rms(self)
+    }
+}
+
+/// Exact evaluation, for verification: slow, its gradient bounded from the series.
+impl CellField for Cell {
+    fn element(&self) -> Element {
+        Self::element(self)
+    }
+    fn fits_any_numbering(&self) -> bool {
+        Self::fits_any_numbering(self)
+    }
+    fn gradient_sup(&self) -> f64 {
+        // By Bernstein's inequality |grad| <= 2 pi R sup |Phi| for a function of band limit R.
+        let range = Field::bound(self, &Self::element(self).cell_box());
+        let sup = range.hi.max(-range.lo);
+        std::f64::consts::TAU * self.form().band_limit() * sup
+    }
+    fn gradient_rms(&self) -> f64 {
+        self.gamma()
+    }
+}
+
+/// Whether a cell of one element fills elements of a shape: its own; cells of planar elements fill
+/// the prisms over them, the same at every height.
+pub fn fills(cell: Element, shape: Element) -> bool {
+    cell == shape
+        || matches!(
+            (cell, shape),
+            (Element::Tri, Element::Wedge) | (Element::Quad, Element::Hex)
+        )
+}
+
+/// What fills the elements of a scaffold: a function of the element and of the point in it.
+pub trait Filling: Send + Sync {
+    /// Whether it fits the scaffold: every element has a cell, and both sides of every shared face
+    /// agree.
+    ///
+    /// # Errors
+    /// [`TilingError`] names the first element that does not.
+    fn check(&self, scaffold: &Scaffold) -> Result<(), TilingError>;
+
+    /// Value and gradient by the reference coordinates; negative inside. Goes on beyond the element.
+    fn value_and_gradient(&self, element: usize, xi: CellPoint<3>) -> (f64, Vec3);
+
+    /// The value alone.
+    fn value(&self, element: usize, xi: CellPoint<3>) -> f64 {
+        self.value_and_gradient(element, xi).0
+    }
+
+    /// Contains every value over a box within the reference cell.
+    fn bound(&self, element: usize, region: &CellBox<3>) -> Interval;
+
+    /// Bound of the gradient's length over an element, per unit of reference length.
+    fn gradient_sup(&self, element: usize) -> f64;
+
+    /// The gradient's root mean square on the surface in an element.
+    fn gradient_rms(&self, element: usize) -> f64;
+}
+
+/// One cell in every element.
+impl<C: CellField> Filling for C {
+    fn check(&self, scaffold: &Scaffold) -> Result<(), TilingError> {
+        let (sup, rms) = (self.gradient_sup(), self.gradient_rms());
+        if !(sup.is_finite() && rms.is_finite() && sup > 0.0 && rms > 0.0) {
+            return Err(TilingError::Slope { rms, sup });
+        }
+        for number in 0..scaffold.len() {
+            let found = scaffold.element(number).shape();
+            if !fills(self.element(), found) {
+                return Err(TilingError::Shape {
+                    cell: self.element().name(),
+                    number,
+                    found: found.name(),
+                });
+            }
+        }
+        // Every face of a tet or hex is like every other one; those of the others are not.
+        let alike = matches!(self.element(), Element::Tet | Element::Hex);
+        if alike && self.fits_any_numbering() {
+            return Ok(());
+        }
+        let value = |_: Element, xi| Field::value(self, xi);
+        seam::check(scaffold, &value, rms)
+    }
+
+    fn value_and_gradient(&self, _: usize, xi: CellPoint<3>) -> (f64, Vec3) {
+        Field::value_and_gradient(self, xi)
+    }
+
+    fn value(&self, _: usize, xi: CellPoint<3>) -> f64 {
+        Field::value(self, xi)
+    }
+
+    fn bound(&self, _: usize, region: &CellBox<3>) -> Interval {
+        Field::bound(self, region)
+    }
+
+    fn gradient_sup(&self, _: usize) -> f64 {
+        CellField::gradient_sup(self)
+    }
+
+    fn gradient_rms(&self, _: usize) -> f64 {
+        CellField::gradient_rms(self)
     }
 }

@@ -1,7 +1,9 @@
 //! All laws and oracles, in one binary; modules are named after those of `src`.
 
 mod band;
+mod blend;
 mod cell;
+mod certificate;
 mod field;
 mod house;
 mod io;

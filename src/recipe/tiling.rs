@@ -1,0 +1,169 @@
+//! `[tiling]`: which cells fill the scaffold, where, and how strongly.
+
+use super::file::FileRef;
+use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
+use serde::Deserialize;
+use serde::de::value::MapAccessDeserializer;
+use serde::de::{Deserializer, MapAccess, Visitor};
+use std::borrow::Cow;
+use std::fmt;
+
+/// `[tiling]`: which cells fill the scaffold. Exactly one of `cell`, `transition` and `assign`.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct TilingSection {
+    /// Name of the cell that fills every element.
+    pub cell: Option<String>,
+    /// Cells with weights: a blend that passes from one to the other.
+    pub transition: Vec<Share>,
+    /// Cells by named sets of elements or regions of space; the last that holds wins, and cells pass
+    /// into each other within the elements at their borders.
+    pub assign: Vec<Assignment>,
+    /// How weights go on between the corners of elements.
+    pub interpolation: Interpolation,
+    /// Whether blends keep a level at which volumes are interpolated.
+    pub follow_volume: Option<bool>,
+    /// Level of the cell, graded: a number, a formula or a field, in units of its field.
+    pub level: Option<Varying>,
+    /// Level by the solid's share of the element, graded.
+    pub volume_fraction: Option<Varying>,
+    /// Level by the full local thickness, graded: in the recipe's unit.
+    pub thickness: Option<Varying>,
+    /// Measure the continuity of the field over all shared faces, into the report.
+    pub certificate: bool,
+}
+
+impl TilingSection {
+    /// Names of all cells, in order, each once.
+    pub fn cells(&self) -> Vec<&str> {
+        let listed = self.cell.iter().map(String::as_str);
+        let shared = self.transition.iter().map(|s| s.cell.as_str());
+        let assigned = self.assign.iter().map(|a| a.cell.as_str());
+        let mut found: Vec<&str> = Vec::new();
+        for name in listed.chain(shared).chain(assigned) {
+            if !found.contains(&name) {
+                found.push(name);
+            }
+        }
+        found
+    }
+}
+
+/// A cell's share in a transition.
+#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Share {
+    /// Name of the cell.
+    pub cell: String,
+    /// Its weight: a number, a formula such as "1 - bx", or a field. Negative weights count as 0; all
+    /// are divided by their sum.
+    pub weight: Varying,
+}
+
+/// Where a cell is used.
+#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Assignment {
+    /// Name of the cell.
+    pub cell: String,
+    /// A named set of the scaffold's elements: a physical group, an element set.
+    pub group: Option<String>,
+    /// A formula that is positive at the centres of the elements; both left out: everywhere.
+    #[serde(rename = "where")]
+    pub region: Option<String>,
+}
+
+/// How weights are interpolated.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum Interpolation {
+    /// Linear between corners.
+    #[default]
+    Linear,
+    /// Flat at corners: each transition looks like steps of elements, with level ends.
+    Smoothstep,
+}
+
+/// A value that may differ from place to place.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Varying {
+    /// The same everywhere.
+    Number(f64),
+    /// A formula of x, y, z (recipe units), bx, by, bz (0 to 1 in the scaffold's box) and d (signed
+    /// distance to the envelope).
+    Formula(String),
+    /// From a file.
+    Field(FieldRef),
+}
+
+/// A field in a file: .vtu, .vtk or .csv.
+#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct FieldRef {
+    /// The file; the scaffold's own when left out. A .csv has columns x, y, z and the field.
+    pub file: Option<FileRef>,
+    /// Name of the point or cell data, or of the column.
+    pub field: String,
+    /// Of fields with several numbers: which (x, y, z or 0, 1, ...), "magnitude", or of stresses
+    /// "`von_mises`".
+    pub component: Option<String>,
+    /// Points (value, result) of a piecewise linear map, clamped at both ends.
+    #[serde(default)]
+    pub map: Vec<[f64; 2]>,
+    /// Where the field's mesh does not reach: "nearest" point, or "error".
+    #[serde(default)]
+    pub outside: Outside,
+}
+
+/// What a field says beyond its mesh.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum Outside {
+    /// The value of the nearest point.
+    #[default]
+    Nearest,
+    /// An error that names the place.
+    Error,
+}
+
+impl<'de> Deserialize<'de> for Varying {
+    fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
+        struct Any;
+        impl<'de> Visitor<'de> for Any {
+            type Value = Varying;
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("a number, a formula such as \"1 - bx\", or { file, field }")
+            }
+            fn visit_f64<E: serde::de::Error>(self, v: f64) -> Result<Varying, E> {
+                if v.is_finite() {
+                    Ok(Varying::Number(v))
+                } else {
+                    Err(E::custom("expected a finite number"))
+                }
+            }
+            fn visit_i64<E: serde::de::Error>(self, v: i64) -> Result<Varying, E> {
+                self.visit_f64(v as f64)
+            }
+            fn visit_str<E: serde::de::Error>(self, v: &str) -> Result<Varying, E> {
+                Ok(Varying::Formula(v.to_owned()))
+            }
+            fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<Varying, A::Error> {
+                FieldRef::deserialize(MapAccessDeserializer::new(map)).map(Varying::Field)
+            }
+        }
+        d.deserialize_any(Any)
+    }
+}
+
+impl JsonSchema for Varying {
+    fn schema_name() -> Cow<'static, str> {
+        "Varying".into()
+    }
+    fn json_schema(generator: &mut SchemaGenerator) -> Schema {
+        let field = generator.subschema_for::<FieldRef>();
+        json_schema!({
+            "description": "A number, a formula of x, y, z, bx, by, bz and d, or a field of a file.",
+            "anyOf": [{ "type": "number" }, { "type": "string" }, field]
+        })
+    }
+}

@@ -1,0 +1,489 @@
+//! Several cells over one scaffold: transitions by weights at the nodes, graded levels.
+//!
+//! F = sum over cells of `W_c` `Phi_c` / `gamma_c` - T(W) - B, with `W_c` = sum over corners of `N_v` `w_vc`
+//! (see [`Interpolation`]), `gamma_c` the mean slope of the cell, so that no cell outweighs another,
+//! and B = sum `N_v` `b_v` a grading: positive values add material. Weights are not negative and sum to
+//! one at every corner, hence everywhere. All of it is continuous across faces if every cell is.
+//!
+//! T follows the blend's volume: for two cells it is the level at which the blend's share of the
+//! element is interpolated linearly between theirs, tabulated over the weight; for more the pairs'
+//! tables are added, weighted by what the pair has of the whole.
+
+use super::corners::Corners;
+use super::source::{CellField, Filling, fills};
+use super::{Interpolation, TilingError, seam};
+use crate::cell::Table;
+use crate::field::{Field, Interval};
+use crate::frame::{CellBox, CellPoint, Element, Vec3};
+use crate::scaffold::Scaffold;
+use rayon::prelude::*;
+
+/// Weights at which a pair's level is tabulated, less one.
+const STEPS: usize = 16;
+/// Samples along an edge of the element's box for volumes.
+const SAMPLES: usize = 28;
+
+/// One cell of a palette, for every shape of element that it has to fill.
+pub struct Member<'a, C: CellField = Table> {
+    /// Its name, for messages.
+    pub name: String,
+    /// The cell for each shape: all the same function on shared faces.
+    pub cells: Vec<&'a C>,
+}
+
+impl<C: CellField> Member<'_, C> {
+    fn of(&self, shape: Element) -> Option<&C> {
+        let found = self.cells.iter().find(|c| c.element() == shape);
+        let found = found.or_else(|| self.cells.iter().find(|c| fills(c.element(), shape)));
+        found.copied()
+    }
+}
+
+/// Levels of the blend of two cells, at weights 0, 1/16 ... 1 of the second.
+#[derive(Clone, Copy, Debug, Default)]
+struct Pair {
+    levels: [f64; STEPS + 1],
+}
+
+impl Pair {
+    fn at(&self, w: f64) -> (f64, f64) {
+        let t = w.clamp(0.0, 1.0) * STEPS as f64;
+        let i = (t as usize).min(STEPS - 1);
+        let slope = self.levels[i + 1] - self.levels[i];
+        (
+            self.levels[i] + slope * (t - i as f64),
+            slope * STEPS as f64,
+        )
+    }
+
+    fn range(&self, w: Interval) -> Interval {
+        let mut found = Interval::new(self.at(w.lo).0, self.at(w.lo).0);
+        let inner = (0..=STEPS).map(|i| i as f64 / STEPS as f64);
+        for w in inner.filter(|&t| w.contains(t)).chain([w.hi]) {
+            let v = self.at(w).0;
+            found = found.hull(Interval::new(v, v));
+        }
+        found
+    }
+
+    fn steepest(&self) -> f64 {
+        let steps = self.levels.windows(2).map(|p| (p[1] - p[0]).abs());
+        steps.fold(0.0, f64::max) * STEPS as f64
+    }
+}
+
+/// Several cells over one scaffold.
+pub struct Blend<'a, C: CellField = Table> {
+    scaffold: &'a Scaffold,
+    members: Vec<Member<'a, C>>,
+    /// 1 / gamma of each member, the same for all shapes.
+    scales: Vec<f64>,
+    /// Weights by node and member.
+    weights: Vec<f64>,
+    /// Grading by node; empty for none.
+    grading: Vec<f64>,
+    interpolation: Interpolation,
+    /// Levels of pairs i < j, in order; empty if volumes are not followed.
+    pairs: Vec<Pair>,
+}
+
+impl<'a, C: CellField> Blend<'a, C> {
+    /// Blends cells by weights at the nodes: `weights[node * members + member]`, for every node of the
+    /// scaffold. Weights are clamped at 0 and divided by their sum.
+    ///
+    /// # Errors
+    /// [`TilingError::Weights`] where they sum to 0 or are not finite, [`TilingError::Slope`] for a
+    /// cell without slope.
+    pub fn new(
+        scaffold: &'a Scaffold,
+        members: Vec<Member<'a, C>>,
+        mut weights: Vec<f64>,
+        interpolation: Interpolation,
+    ) -> Result<Self, TilingError> {
+        let count = members.len();
+        if count == 0 || weights.len() != count * scaffold.nodes().len() {
+            return Err(TilingError::WeightCount {
+                found: weights.len(),
+                expected: count * scaffold.nodes().len(),
+            });
+        }
+        for (node, own) in weights.chunks_exact_mut(count).enumerate() {
+            for w in own.iter_mut() {
+                *w = w.max(0.0);
+            }
+            let sum: f64 = own.iter().sum();
+            if !(sum.is_finite() && sum > 0.0) {
+                return Err(TilingError::Weights {
+                    at: scaffold.nodes()[node].into(),
+                    sum,
+                });
+            }
+            for w in own.iter_mut() {
+                *w /= sum;
+            }
+        }
+        let mut scales = Vec::new();
+        for member in &members {
+            let rms = member.cells.first().map_or(0.0, |c| c.gradient_rms());
+            if !(rms.is_finite() && rms > 0.0) {
+                return Err(TilingError::Slope { rms, sup: rms });
+            }
+            scales.push(1.0 / rms);
+        }
+        Ok(Self {
+            scaffold,
+            members,
+            scales,
+            weights,
+            grading: Vec::new(),
+            interpolation,
+            pairs: Vec::new(),
+        })
+    }
+
+    /// The same with a grading by node, in units of the normalised field (reference lengths where a
+    /// cell is a distance); positive values add material. Ignored unless there is one for each node.
+    #[must_use]
+    pub fn graded(mut self, grading: Vec<f64>) -> Self {
+        if grading.len() == self.scaffold.nodes().len() {
+            self.grading = grading;
+        }
+        self
+    }
+
+    /// The same with its level following the blend, so that volumes are interpolated.
+    #[must_use]
+    pub fn with_volumes_followed(mut self) -> Self {
+        let shape = self.scaffold.element(0).shape();
+        let samples: Vec<Vec<f64>> = (0..self.members.len())
+            .into_par_iter()
+            .map(|m| self.samples(m, shape))
+            .collect();
+        self.pairs = Vec::new();
+        for i in 0..self.members.len() {
+            for j in i + 1..self.members.len() {
+                self.pairs.push(pair(&samples[i], &samples[j]));
+            }
+        }
+        self
+    }
+
+    /// Values of a normalised member over an element.
+    fn samples(&self, member: usize, shape: Element) -> Vec<f64> {
+        let Some(cell) = self.members[member].of(shape) else {
+            return Vec::new();
+        };
+        points(shape)
+            .into_iter()
+            .map(|p| cell.value(p) * self.scales[member])
+            .collect()
+    }
+
+    /// The blend's value at a point of an element's frame for weights that are the same everywhere.
+    pub fn uniform(&self, shape: Element, weights: &[f64], xi: CellPoint<3>) -> f64 {
+        let sum: f64 = (0..self.members.len())
+            .filter(|&m| weights[m] > 0.0)
+            .filter_map(|m| Some(weights[m] * self.scales[m] * self.members[m].of(shape)?.value(xi)))
+            .sum();
+        sum - self.level(weights).0
+    }
+
+    /// Weights of the members at a point.
+    pub fn weights(&self, element: usize, xi: CellPoint<3>) -> Vec<f64> {
+        let (corners, nodes) = self.corners(element, xi);
+        let count = self.members.len();
+        (0..count)
+            .map(|m| corners.of(|v| self.weights[nodes[v] as usize * count + m]).0)
+            .collect()
+    }
+
+    /// The palette.
+    pub fn members(&self) -> &[Member<'a, C>] {
+        &self.members
+    }
+
+    fn corners(&self, element: usize, xi: CellPoint<3>) -> (Corners, &'a [u32]) {
+        let e = self.scaffold.element(element);
+        (Corners::at(e.shape(), xi, self.interpolation), e.nodes())
+    }
+
+    /// T(W) and its derivatives.
+    fn level(&self, w: &[f64]) -> (f64, [f64; 8]) {
+        let mut total = (0.0, [0.0; 8]);
+        let count = self.members.len();
+        if self.pairs.is_empty() {
+            return total;
+        }
+        let mut number = 0;
+        for i in 0..count {
+            for j in i + 1..count {
+                let pair = &self.pairs[number];
+                number += 1;
+                let sum = w[i] + w[j];
+                if sum <= 1e-12 {
+                    continue;
+                }
+                let share = w[j] / sum;
+                let (t, dt) = pair.at(share);
+                total.0 += sum * t;
+                // d (s t(wj / s)): by wi t - share dt, by wj t + (1 - share) dt.
+                if j < 8 {
+                    total.1[i] += t - share * dt;
+                    total.1[j] += t + (1.0 - share) * dt;
+                }
+            }
+        }
+        total
+    }
+
+    fn node_weights(&self, element: usize, member: usize) -> impl Iterator<Item = f64> + '_ {
+        let e = self.scaffold.element(element);
+        let count = self.members.len();
+        let corners = &e.nodes()[..e.kind().corner_count()];
+        corners
+            .iter()
+            .map(move |&n| self.weights[n as usize * count + member])
+    }
+
+    /// Range of an interpolated quantity over a box: of the corners, and by its slope from the
+    /// middle.
+    fn range_of(
+        &self,
+        shape: Element,
+        count: usize,
+        region: &CellBox<3>,
+        values: impl Fn(usize) -> f64 + Copy,
+    ) -> Interval {
+        let mut whole = Interval::new(f64::INFINITY, f64::NEG_INFINITY);
+        for v in 0..count {
+            whole = whole.hull(Interval::new(values(v), values(v)));
+        }
+        if self.interpolation != Interpolation::Linear || whole.hi - whole.lo < 1e-12 {
+            return whole;
+        }
+        // A slope's components are multilinear: greatest at corners.
+        let middle = CellPoint((region.min + region.max) / 2.0);
+        let half = (region.max - region.min) / 2.0;
+        let at = Corners::at(shape, middle, self.interpolation).of(values).0;
+        let mut steepest = Vec3::zeros();
+        for v in shape.vertices() {
+            let c = Corners::at(shape, CellPoint(v), Interpolation::Linear);
+            steepest = steepest.sup(&c.of(values).1.abs());
+        }
+        if shape == Element::Pyramid {
+            return whole;
+        }
+        let reach = steepest.dot(&half);
+        Interval::new((at - reach).max(whole.lo), (at + reach).min(whole.hi))
+    }
+}
+
+impl<C: CellField> Filling for Blend<'_, C> {
+    fn check(&self, scaffold: &Scaffold) -> Result<(), TilingError> {
+        for number in 0..scaffold.len() {
+            let shape = scaffold.element(number).shape();
+            if shape == Element::Pyramid && self.interpolation == Interpolation::Smoothstep {
+                return Err(TilingError::Smoothstep { number: scaffold.number(number) });
+            }
+            for member in &self.members {
+                if member.of(shape).is_none() {
+                    return Err(TilingError::Shape {
+                        cell: member.cells.first().map_or("nothing", |c| c.element().name()),
+                        number,
+                        found: shape.name(),
+                    });
+                }
+            }
+        }
+        for (member, scale) in self.members.iter().zip(&self.scales) {
+            let value = |shape, xi| member.of(shape).map_or(0.0, |c| c.value(xi));
+            seam::check(scaffold, &value, 1.0 / scale)?;
+        }
+        Ok(())
+    }
+
+    fn value_and_gradient(&self, element: usize, xi: CellPoint<3>) -> (f64, Vec3) {
+        let (corners, nodes) = self.corners(element, xi);
+        let shape = self.scaffold.element(element).shape();
+        let count = self.members.len();
+        let mut all = [0.0; 8];
+        let mut slopes = [Vec3::zeros(); 8];
+        let (mut value, mut gradient) = (0.0, Vec3::zeros());
+        for m in 0..count.min(8) {
+            let (w, dw) = corners.of(|v| self.weights[nodes[v] as usize * count + m]);
+            (all[m], slopes[m]) = (w, dw);
+            if w == 0.0 && dw == Vec3::zeros() {
+                continue;
+            }
+            let Some(cell) = self.members[m].of(shape) else {
+                continue;
+            };
+            let (phi, g) = Field::value_and_gradient(cell, xi);
+            let s = self.scales[m];
+            value += w * s * phi;
+            gradient += g * (w * s) + dw * (s * phi);
+        }
+        if !self.pairs.is_empty() {
+            let (t, by) = self.level(&all[..count]);
+            value -= t;
+            for m in 0..count {
+                gradient -= slopes[m] * by[m];
+            }
+        }
+        if !self.grading.is_empty() {
+            let (b, db) = corners.of(|v| self.grading[nodes[v] as usize]);
+            value -= b;
+            gradient -= db;
+        }
+        (value, gradient)
+    }
+
+    fn bound(&self, element: usize, region: &CellBox<3>) -> Interval {
+        let e = self.scaffold.element(element);
+        let (shape, corners) = (e.shape(), e.kind().corner_count());
+        let count = self.members.len();
+        let mut w = [Interval::new(0.0, 0.0); 8];
+        let mut phi = [Interval::new(0.0, 0.0); 8];
+        for m in 0..count {
+            w[m] = self.range_of(shape, corners, region, |v| {
+                self.weights[e.nodes()[v] as usize * count + m]
+            });
+            if let Some(cell) = self.members[m].of(shape).filter(|_| w[m].hi > 0.0) {
+                let b = Field::bound(cell, region);
+                let s = self.scales[m];
+                phi[m] = Interval::new(b.lo * s, b.hi * s);
+            }
+        }
+        // The least and greatest mean of the cells' values over weights in their ranges that sum to
+        // one: what is not fixed goes to the least (greatest).
+        let mean = |greatest: bool| {
+            let key = |m: usize| if greatest { -phi[m].hi } else { phi[m].lo };
+            let mut order: [usize; 8] = [0, 1, 2, 3, 4, 5, 6, 7];
+            order[..count].sort_by(|&a, &b| key(a).total_cmp(&key(b)));
+            let mut left = 1.0 - w[..count].iter().map(|w| w.lo).sum::<f64>();
+            let mut sum = 0.0;
+            for &m in &order[..count] {
+                let more = (w[m].hi - w[m].lo).min(left.max(0.0));
+                left -= more;
+                sum += (w[m].lo + more) * if greatest { phi[m].hi } else { phi[m].lo };
+            }
+            sum
+        };
+        let mut range = Interval::new(mean(false), mean(true));
+        let mut number = 0;
+        for i in 0..if self.pairs.is_empty() { 0 } else { count } {
+            for j in i + 1..count {
+                let pair = &self.pairs[number];
+                number += 1;
+                let most = (w[i].hi + w[j].hi).min(1.0);
+                let least = (w[i].lo + w[j].lo).min(1.0);
+                if most <= 0.0 {
+                    continue;
+                }
+                let share = |a: f64, b: f64| if a + b > 0.0 { b / (a + b) } else { 0.5 };
+                let shares = Interval::new(share(w[i].hi, w[j].lo), share(w[i].lo, w[j].hi));
+                let t = pair.range(shares);
+                let ends = [t.lo * least, t.lo * most, t.hi * least, t.hi * most];
+                range.lo -= ends.into_iter().fold(f64::NEG_INFINITY, f64::max);
+                range.hi -= ends.into_iter().fold(f64::INFINITY, f64::min);
+            }
+        }
+        if !self.grading.is_empty() {
+            let b = self.range_of(shape, corners, region, |v| {
+                self.grading[e.nodes()[v] as usize]
+            });
+            range.lo -= b.hi;
+            range.hi -= b.lo;
+        }
+        let slack = 1e-12 * (range.lo.abs() + range.hi.abs());
+        Interval::new(range.lo - slack, range.hi + slack)
+    }
+
+    fn gradient_sup(&self, element: usize) -> f64 {
+        let e = self.scaffold.element(element);
+        let shape = e.shape();
+        let whole = shape.cell_box();
+        // |grad W| <= steepest * spread: over the reference edge for linear weights, by S' <= 3/2 and
+        // sum S >= 1/2 for smoothed ones.
+        let steepest = match self.interpolation {
+            Interpolation::Linear => 2.5,
+            Interpolation::Smoothstep => 15.0,
+        };
+        let spread = |values: &mut dyn Iterator<Item = f64>| {
+            let mut range = (f64::INFINITY, f64::NEG_INFINITY);
+            for v in values {
+                range = (range.0.min(v), range.1.max(v));
+            }
+            (range.1 - range.0).max(0.0)
+        };
+        let (mut sup, mut moving) = (0f64, 0.0);
+        for m in 0..self.members.len() {
+            let greatest = self.node_weights(element, m).fold(0.0, f64::max);
+            let Some(cell) = self.members[m].of(shape).filter(|_| greatest > 0.0) else {
+                continue;
+            };
+            let s = self.scales[m];
+            sup = sup.max(cell.gradient_sup() * s);
+            let turn = spread(&mut self.node_weights(element, m)) * steepest;
+            if turn > 0.0 {
+                let b = Field::bound(cell, &whole);
+                moving += turn * (b.hi.max(-b.lo) * s);
+            }
+            if turn > 0.0 && !self.pairs.is_empty() {
+                let most = self.pairs.iter().map(Pair::steepest).fold(0.0, f64::max);
+                let level = self.pairs.iter().flat_map(|p| p.levels);
+                let level = level.fold(0.0, |a: f64, l| a.max(l.abs()));
+                moving += turn * (most + level) * (self.members.len() - 1) as f64;
+            }
+        }
+        if !self.grading.is_empty() {
+            let corners = &e.nodes()[..e.kind().corner_count()];
+            let mut values = corners.iter().map(|&n| self.grading[n as usize]);
+            moving += spread(&mut values) * steepest;
+        }
+        sup + moving
+    }
+
+    fn gradient_rms(&self, _: usize) -> f64 {
+        1.0
+    }
+}
+
+/// Points spread evenly over an element.
+fn points(shape: Element) -> Vec<CellPoint<3>> {
+    let hull = shape.cell_box();
+    let size = hull.max - hull.min;
+    let at = |i: usize| (i as f64 + 0.5) / SAMPLES as f64;
+    let mut found = Vec::new();
+    for i in 0..SAMPLES {
+        for j in 0..SAMPLES {
+            for k in 0..SAMPLES {
+                let p = hull.min + size.component_mul(&Vec3::new(at(i), at(j), at(k)));
+                if shape.face_distance(CellPoint(p)) <= 0.0 {
+                    found.push(CellPoint(p));
+                }
+            }
+        }
+    }
+    found
+}
+
+/// Levels that interpolate the volumes of two normalised cells, from their values at the same points.
+fn pair(a: &[f64], b: &[f64]) -> Pair {
+    let mut pair = Pair::default();
+    let below = |v: &[f64]| v.iter().filter(|v| **v < 0.0).count() as f64;
+    let ends = [below(a), below(b)];
+    for (i, level) in pair.levels.iter_mut().enumerate() {
+        // Pure cells keep their own level exactly.
+        if i == 0 || i == STEPS {
+            continue;
+        }
+        let w = i as f64 / STEPS as f64;
+        let mut mixed: Vec<f64> = a.iter().zip(b).map(|(a, b)| a * (1.0 - w) + b * w).collect();
+        mixed.sort_unstable_by(f64::total_cmp);
+        let wanted = ends[0] * (1.0 - w) + ends[1] * w;
+        let rank = (wanted as usize).clamp(1, mixed.len().max(2) - 1);
+        *level = f64::midpoint(mixed[rank - 1], mixed[rank]);
+    }
+    pair
+}

@@ -1,0 +1,276 @@
+//! The continuity certificate: what a tiling's field does across every shared face, measured.
+//!
+//! Points of a face are put into the world by one side's map and inverted by each element's own;
+//! both evaluate the filling for themselves. The jump of the value is C0; where the zero set crosses
+//! the face, the angle between both sides' normals is C1. Jumps are shares of the range of the
+//! field's values on all faces.
+
+use super::seam::{joined, mix, shared, shares};
+use super::source::Filling;
+use crate::frame::{CellPoint, Vec3, WorldPoint};
+use crate::scaffold::{FaceRef, Scaffold};
+use rayon::prelude::*;
+
+/// What was measured on faces of one kind.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct FaceStatistics {
+    /// "triangle" or "quad".
+    pub kind: &'static str,
+    /// Faces looked at.
+    pub faces: usize,
+    /// Points looked at.
+    pub points: usize,
+    /// Points where the zero set crosses a face.
+    pub crossings: usize,
+    /// Greatest jump of the value, over the field's range.
+    pub value_jump_max: f64,
+    /// Its 99th percentile over the points.
+    pub value_jump_p99: f64,
+    /// Greatest angle between both sides' normals, degrees.
+    pub crease_degrees_max: f64,
+    /// Its 99th percentile over the crossings.
+    pub crease_degrees_p99: f64,
+}
+
+/// A place where both sides of a face differ.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Seam {
+    /// Numbers of the elements in the file.
+    pub elements: [u64; 2],
+    /// Where, world coordinates.
+    pub at: [f64; 3],
+    /// The jump of the value over the field's range.
+    pub value_jump: f64,
+    /// How far the point is from the face as the other element has it, world units.
+    pub gap: f64,
+}
+
+/// What [`certify`] finds.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Certificate {
+    /// Least and greatest value on the faces.
+    pub range: [f64; 2],
+    /// Triangles, then quads, as far as there are such faces.
+    pub kinds: Vec<FaceStatistics>,
+    /// Greatest jump over all faces.
+    pub value_jump_max: f64,
+    /// 99th percentile of the jumps.
+    pub value_jump_p99: f64,
+    /// 99th percentile of the creases, degrees.
+    pub crease_degrees_p99: f64,
+    /// Greatest crease, degrees.
+    pub crease_degrees_max: f64,
+    /// The five worst places by the jump of the value, the worst first.
+    pub worst: Vec<Seam>,
+    /// Greatest jump on the faces of each element, for a picture.
+    pub jump_of_element: Vec<f64>,
+    /// Greatest crease on the faces of each element, degrees.
+    pub crease_of_element: Vec<f64>,
+}
+
+/// Points along an edge of a face.
+const ALONG: usize = 5;
+
+/// What one face shows.
+struct Face {
+    sides: [FaceRef; 2],
+    corners: usize,
+    range: (f64, f64),
+    /// Jumps with their places and gaps.
+    jumps: Vec<(f64, Vec3, f64)>,
+    creases: Vec<f64>,
+}
+
+/// Measures the continuity of a filling over all shared faces of a scaffold.
+pub fn certify<F: Filling>(scaffold: &Scaffold, filling: &F) -> Certificate {
+    let faces: Vec<(FaceRef, FaceRef)> = shared(scaffold).collect();
+    let measured: Vec<Face> = faces
+        .into_par_iter()
+        .filter_map(|(f, g)| face(scaffold, filling, f, g))
+        .collect();
+    let (low, high) = measured
+        .iter()
+        .fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), f| {
+            (a.min(f.range.0), b.max(f.range.1))
+        });
+    let mut found = Certificate {
+        range: [low, high],
+        jump_of_element: vec![0.0; scaffold.len()],
+        crease_of_element: vec![0.0; scaffold.len()],
+        ..Certificate::default()
+    };
+    if measured.is_empty() {
+        found.range = [0.0; 2];
+        return found;
+    }
+    let scale = 1.0 / (high - low).max(f64::MIN_POSITIVE);
+    let mut seams = Vec::new();
+    for face in &measured {
+        let mut worst: Option<Seam> = None;
+        for &(jump, at, gap) in &face.jumps {
+            let value_jump = jump * scale;
+            if worst.is_none_or(|w| value_jump > w.value_jump) {
+                worst = Some(Seam {
+                    elements: face.sides.map(|f| scaffold.number(f.element as usize)),
+                    at: at.into(),
+                    value_jump,
+                    gap,
+                });
+            }
+        }
+        let crease = face.creases.iter().copied().fold(0.0, f64::max);
+        for side in face.sides {
+            let e = side.element as usize;
+            let jump = worst.map_or(0.0, |w| w.value_jump);
+            found.jump_of_element[e] = found.jump_of_element[e].max(jump);
+            found.crease_of_element[e] = found.crease_of_element[e].max(crease);
+        }
+        seams.extend(worst);
+    }
+    seams.sort_by(|a, b| {
+        let by_jump = b.value_jump.total_cmp(&a.value_jump);
+        by_jump.then(a.elements.cmp(&b.elements))
+    });
+    seams.truncate(5);
+    found.worst = seams;
+    let statistics = |kind: &'static str, faces: &[&Face]| {
+        let mut jumps: Vec<f64> = faces
+            .iter()
+            .flat_map(|f| f.jumps.iter().map(|j| j.0 * scale))
+            .collect();
+        let mut creases: Vec<f64> = faces.iter().flat_map(|f| f.creases.clone()).collect();
+        let (jump_max, jump_p99) = percentiles(&mut jumps);
+        let (crease_max, crease_p99) = percentiles(&mut creases);
+        FaceStatistics {
+            kind,
+            faces: faces.len(),
+            points: jumps.len(),
+            crossings: creases.len(),
+            value_jump_max: jump_max,
+            value_jump_p99: jump_p99,
+            crease_degrees_max: crease_max,
+            crease_degrees_p99: crease_p99,
+        }
+    };
+    for (kind, corners) in [("triangle", 3), ("quad", 4)] {
+        let own: Vec<&Face> = measured.iter().filter(|f| f.corners == corners).collect();
+        if !own.is_empty() {
+            found.kinds.push(statistics(kind, &own));
+        }
+    }
+    let all = statistics("all", &measured.iter().collect::<Vec<_>>());
+    found.value_jump_max = all.value_jump_max;
+    found.value_jump_p99 = all.value_jump_p99;
+    found.crease_degrees_p99 = all.crease_degrees_p99;
+    found.crease_degrees_max = all.crease_degrees_max;
+    found
+}
+
+/// The greatest value and the 99th percentile; 0 of nothing.
+fn percentiles(values: &mut [f64]) -> (f64, f64) {
+    values.sort_unstable_by(f64::total_cmp);
+    let Some(&greatest) = values.last() else {
+        return (0.0, 0.0);
+    };
+    let rank = (values.len() * 99).div_ceil(100).max(1) - 1;
+    (greatest, values[rank])
+}
+
+fn face<F: Filling>(scaffold: &Scaffold, filling: &F, f: FaceRef, g: FaceRef) -> Option<Face> {
+    let (mine, theirs) = joined(scaffold, f, g)?;
+    let elements = [f, g].map(|f| f.element as usize);
+    let maps = elements.map(|e| scaffold.element(e));
+    let corners = mine.len();
+    let mut found = Face {
+        sides: [f, g],
+        corners,
+        range: (f64::INFINITY, f64::NEG_INFINITY),
+        jumps: Vec::new(),
+        creases: Vec::new(),
+    };
+    let plane = maps[1].shape().faces()[g.face as usize];
+    // Both sides at a point of the face: values, world gradients, place and gap.
+    let both = |spot: [f64; 2]| {
+        let w = shares(corners, spot);
+        let x = maps[0].map(mix(maps[0].shape(), &mine, w));
+        let guess = [
+            mix(maps[0].shape(), &mine, w),
+            mix(maps[1].shape(), &theirs, w),
+        ];
+        let mut sides = [(0.0, Vec3::zeros()); 2];
+        let mut gap = 0.0;
+        for i in 0..2 {
+            // By the element's own map, from a start off the point.
+            let start = CellPoint(guess[i].0 * 0.98);
+            let xi = maps[i].inverse_from(WorldPoint(x.0), start).ok()?;
+            if i == 1 {
+                gap = (plane.normal.dot(&xi.0) - plane.offset).abs() * maps[1].stretch().1;
+            }
+            let (value, slope) = filling.value_and_gradient(elements[i], xi);
+            let inverse = maps[i].jacobian(xi).try_inverse()?;
+            sides[i] = (value, inverse.tr_mul(&slope));
+        }
+        Some((sides, x.0, gap))
+    };
+    let at = |i: usize| (i as f64 + 0.37) / ALONG as f64;
+    let mut row: Vec<([f64; 2], f64)> = Vec::new();
+    for j in 0..ALONG {
+        let mut last: Option<([f64; 2], f64)> = None;
+        for i in 0..ALONG {
+            let mut spot = [at(i), at(j)];
+            if corners == 3 {
+                // The triangle's rows shrink towards its last corner.
+                spot[0] *= 1.0 - spot[1];
+            }
+            let Some((sides, x, gap)) = both(spot) else {
+                // A point that one element does not have is a tear.
+                found.jumps.push((f64::INFINITY, maps[0].bounds().centre().0, f64::INFINITY));
+                continue;
+            };
+            let value = sides[0].0;
+            found.range = (found.range.0.min(value), found.range.1.max(value));
+            found.jumps.push(((value - sides[1].0).abs(), x, gap));
+            let before = [last, row.get(i).copied()];
+            for (other, v) in before.into_iter().flatten() {
+                if (v < 0.0) != (value < 0.0) {
+                    found.creases.extend(crease(&both, other, v, spot, value));
+                }
+            }
+            last = Some((spot, value));
+            if row.len() > i {
+                row[i] = (spot, value);
+            } else {
+                row.push((spot, value));
+            }
+        }
+    }
+    Some(found)
+}
+
+type Sides = ([(f64, Vec3); 2], Vec3, f64);
+
+/// The angle between both sides' normals where the value vanishes between two spots, degrees.
+fn crease(
+    both: &dyn Fn([f64; 2]) -> Option<Sides>,
+    mut a: [f64; 2],
+    mut fa: f64,
+    mut b: [f64; 2],
+    mut fb: f64,
+) -> Option<f64> {
+    let mut gradients = None;
+    for _ in 0..8 {
+        let t = (fa / (fa - fb)).clamp(0.05, 0.95);
+        let c = [a[0] + (b[0] - a[0]) * t, a[1] + (b[1] - a[1]) * t];
+        let (sides, ..) = both(c)?;
+        gradients = Some(sides.map(|s| s.1));
+        if (sides[0].0 < 0.0) == (fa < 0.0) {
+            (a, fa) = (c, sides[0].0);
+        } else {
+            (b, fb) = (c, sides[0].0);
+        }
+    }
+    let [g, h] = gradients?;
+    let (g, h) = (g.try_normalize(1e-12)?, h.try_normalize(1e-12)?);
+    // By both sine and cosine, exact for small angles too.
+    Some(g.cross(&h).norm().atan2(g.dot(&h)).to_degrees())
+}

@@ -1,0 +1,175 @@
+//! Interpolation of corner values over an element: linear, or smoothed towards the corners.
+//!
+//! Linear: the shape functions of the linear element, r_c the parameters of the cube, `l_v` the
+//! barycentric coordinates. Smoothed, with S(t) = t^2 (3 - 2 t): on the cube those of S(r), whose
+//! slope across the faces vanishes; on the tet S(l_v) / sum S(l); on the wedge the latter in the
+//! triangle times S along the prism. Either way the value on a face depends on the face's corners
+//! alone, is the same from both sides, and the functions are positive and sum to one.
+
+use crate::frame::{CellPoint, Element, Vec3};
+
+/// How corner values are interpolated.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Interpolation {
+    /// Linear along edges.
+    #[default]
+    Linear,
+    /// Flat at the corners, steep between them.
+    Smoothstep,
+}
+
+/// Functions of an element's corners at a point, with gradients in the cell frame; in VTK order.
+pub(super) struct Corners {
+    pub count: usize,
+    pub values: [f64; 8],
+    pub slopes: [Vec3; 8],
+}
+
+const H: f64 = 0.866_025_403_784_438_6;
+
+fn smooth(t: f64) -> (f64, f64) {
+    let t = t.clamp(0.0, 1.0);
+    (t * t * (3.0 - 2.0 * t), 6.0 * t * (1.0 - t))
+}
+
+/// Barycentric coordinates made rational: S(l) / sum S(l).
+fn rational<const N: usize>(l: [f64; N], slopes: [Vec3; N]) -> ([f64; N], [Vec3; N]) {
+    let s = l.map(smooth);
+    let sum: f64 = s.iter().map(|s| s.0).sum();
+    let mut change = Vec3::zeros();
+    for (s, g) in s.iter().zip(slopes) {
+        change += g * s.1;
+    }
+    let mut values = [0.0; N];
+    let mut out = [Vec3::zeros(); N];
+    for i in 0..N {
+        values[i] = s[i].0 / sum;
+        out[i] = (slopes[i] * s[i].1 - change * values[i]) / sum;
+    }
+    (values, out)
+}
+
+impl Corners {
+    pub fn at(shape: Element, CellPoint(xi): CellPoint<3>, how: Interpolation) -> Self {
+        let mut c = Self {
+            count: 0,
+            values: [0.0; 8],
+            slopes: [Vec3::zeros(); 8],
+        };
+        let line = |t: f64| match how {
+            Interpolation::Linear => (t, 1.0),
+            Interpolation::Smoothstep => smooth(t),
+        };
+        match shape {
+            Element::Tet => {
+                // Face planes n.x = 1/2 opposite the vertices: l = (1/2 - n.x) / 2.
+                let n = [[1., 1., 1.], [-1., -1., 1.], [1., -1., -1.], [-1., 1., -1.]].map(Vec3::from);
+                let l = n.map(|n| (0.5 - n.dot(&xi)) / 2.0);
+                let g = n.map(|n| n * -0.5);
+                let (l, g) = match how {
+                    Interpolation::Linear => (l, g),
+                    Interpolation::Smoothstep => rational(l, g),
+                };
+                c.values[..4].copy_from_slice(&l);
+                c.slopes[..4].copy_from_slice(&g);
+                c.count = 4;
+            }
+            Element::Wedge | Element::Tri => {
+                let (x, y) = (xi.x + 0.5, xi.y + H / 3.0);
+                let l2 = y / H;
+                let l1 = x - l2 / 2.0;
+                let g2 = Vec3::y() / H;
+                let g1 = Vec3::x() - g2 / 2.0;
+                let (l, g) = ([1.0 - l1 - l2, l1, l2], [-g1 - g2, g1, g2]);
+                let (l, g) = match how {
+                    Interpolation::Linear => (l, g),
+                    Interpolation::Smoothstep => rational(l, g),
+                };
+                let (t, dt) = line(xi.z + 0.5);
+                for (layer, (h, dh)) in [(1.0 - t, -dt), (t, dt)].into_iter().enumerate() {
+                    for i in 0..3 {
+                        c.values[3 * layer + i] = l[i] * h;
+                        c.slopes[3 * layer + i] = g[i] * h + Vec3::z() * (l[i] * dh);
+                    }
+                }
+                c.count = 6;
+            }
+            Element::Pyramid => {
+                let kind = crate::scaffold::Kind::Pyramid5;
+                let point = CellPoint(xi);
+                c.values[..5].copy_from_slice(&kind.shape_functions(point));
+                c.slopes[..5].copy_from_slice(&kind.shape_gradients(point));
+                c.count = 5;
+            }
+            Element::Hex | Element::Quad => {
+                let [(x, dx), (y, dy), (z, dz)] = [xi.x, xi.y, xi.z].map(|t| line(t + 0.5));
+                let ends = |t: f64, d: f64| [(1.0 - t, -d), (t, d)];
+                let (xs, ys, zs) = (ends(x, dx), ends(y, dy), ends(z, dz));
+                for (v, [i, j, k]) in [
+                    [0, 0, 0],
+                    [1, 0, 0],
+                    [1, 1, 0],
+                    [0, 1, 0],
+                    [0, 0, 1],
+                    [1, 0, 1],
+                    [1, 1, 1],
+                    [0, 1, 1],
+                ]
+                .into_iter()
+                .enumerate()
+                {
+                    let ((a, da), (b, db), (d, dd)) = (xs[i], ys[j], zs[k]);
+                    c.values[v] = a * b * d;
+                    c.slopes[v] = Vec3::new(da * b * d, a * db * d, a * b * dd);
+                }
+                c.count = 8;
+            }
+        }
+        c
+    }
+
+    /// Interpolates corner values.
+    pub fn of(&self, values: impl Fn(usize) -> f64) -> (f64, Vec3) {
+        let mut sum = (0.0, Vec3::zeros());
+        for v in 0..self.count {
+            let at = values(v);
+            sum.0 += self.values[v] * at;
+            sum.1 += self.slopes[v] * at;
+        }
+        sum
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn functions_are_one_at_their_corner_and_sum_to_one() {
+        for shape in [Element::Tet, Element::Hex, Element::Wedge, Element::Pyramid] {
+            for how in [Interpolation::Linear, Interpolation::Smoothstep] {
+                for (i, v) in shape.vertices().into_iter().enumerate() {
+                    let c = Corners::at(shape, CellPoint(v), how);
+                    for j in 0..c.count {
+                        let expected = f64::from(u8::from(i == j));
+                        assert!((c.values[j] - expected).abs() < 1e-12, "{shape:?} {how:?}");
+                    }
+                }
+                let x = shape.centroid().0 + Vec3::new(0.07, -0.05, 0.03);
+                let c = Corners::at(shape, CellPoint(x), how);
+                assert!((c.of(|_| 1.0).0 - 1.0).abs() < 1e-12);
+                assert!(c.of(|_| 1.0).1.norm() < 1e-12);
+                let value = |i: usize| (i * i) as f64;
+                let h = 1e-6;
+                for axis in 0..3 {
+                    let at = |s: f64| {
+                        let x = CellPoint(x + Vec3::ith(axis, s * h));
+                        Corners::at(shape, x, how).of(value).0
+                    };
+                    let slope = (at(1.0) - at(-1.0)) / (2.0 * h);
+                    assert!((slope - c.of(value).1[axis]).abs() < 1e-8, "{shape:?} {how:?}");
+                }
+            }
+        }
+    }
+}
