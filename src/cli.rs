@@ -21,6 +21,7 @@ mod answer;
 mod cell;
 mod check;
 mod completions;
+mod eval;
 mod failure;
 mod fit;
 mod info;
@@ -82,6 +83,8 @@ commands! {
     Cell => cell,
     /// Look into a scaffold.
     Scaffold => scaffold,
+    /// The tiled field of a recipe at given points.
+    Eval => eval,
     /// Say what a file is: any that Druse reads.
     Info => info,
     /// Check a mesh or a level set; exit code 1 when it fails.

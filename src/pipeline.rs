@@ -24,16 +24,19 @@ mod cells;
 mod error;
 mod estimate;
 mod fit_options;
+mod filling;
 mod inputs;
 mod memory;
 mod operate;
 mod output;
 mod plot;
+mod probe;
 mod report;
 mod scaffold;
 mod shape;
 mod source;
 mod stock;
+mod varying;
 mod wall;
 
 pub use cells::{levelled, make_cell, one_element, read_source};
@@ -41,8 +44,10 @@ pub use error::RunError;
 pub use estimate::Estimate;
 pub use fit_options::fit_options;
 pub use plot::{Curve, Plot, plot};
+pub use probe::{Probe, Probed};
 pub use report::{
-    BandReport, Input, OutputFile, Report, ScaffoldReport, SolidReport, Stage, Warning,
+    BandReport, ContinuityReport, FaceReport, Input, OutputFile, Report, ScaffoldReport,
+    SeamReport, SolidReport, Stage, Warning,
 };
 pub use source::{CellFault, enter_source};
 
@@ -119,6 +124,11 @@ pub fn run(
     stock.look_at(&measured, bench.scale)?;
 
     let mut report = stock.report();
+    if let Some(fill) = stock.fill().filter(|_| wants_certificate(recipe)) {
+        let found = threads.install(|| fill.certificate())?;
+        report.continuity = Some(ContinuityReport::from(&found));
+        clock.lap("certificate")?;
+    }
     let info = solid.info().map_err(RunError::level_set("counting"))?;
     report.band = BandReport {
         voxel_size: bench.scale.voxel_size,
@@ -145,6 +155,12 @@ pub fn run(
         crate::io::atomic::write_bytes(path, format!("{text}\n").as_bytes())?;
     }
     Ok(report)
+}
+
+/// Whether the recipe asks for its continuity to be measured.
+fn wants_certificate(recipe: &Recipe) -> bool {
+    let tiling = recipe.sections().tiling.as_ref();
+    tiling.is_some_and(|t| t.certificate)
 }
 
 fn threads(options: &RunOptions) -> Result<Threads, RunError> {

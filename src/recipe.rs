@@ -52,13 +52,11 @@ pub use quantity::{
     Finite, Fraction, HalfWidth, Length, Positive, QuantityError, Scale, Size, Unit, Width,
 };
 pub use scaffold::{
-    BandSection, Boundary, BoxKind, BoxScaffold, CylinderScaffold, Distance, FillKind, FillScaffold,
-    Plate, ScaffoldSection, Shell, SphereScaffold,
+    BandSection, Boundary, BoxKind, BoxScaffold, CylinderScaffold, Distance, FillKind,
+    FillScaffold, Plate, ScaffoldSection, Shell, SphereScaffold,
 };
 pub use source::Source;
-pub use tiling::{
-    Assignment, FieldRef, Interpolation, Outside, Share, TilingSection, Varying,
-};
+pub use tiling::{Assignment, FieldRef, Interpolation, Outside, Share, TilingSection, Varying};
 
 /// The version of the recipe's words that this program reads.
 pub const VERSION: i64 = 1;

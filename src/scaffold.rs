@@ -34,6 +34,7 @@ mod orientation;
 mod pyramid;
 mod report;
 mod round;
+mod stuffing;
 mod surface;
 mod topology;
 
@@ -362,11 +363,7 @@ impl std::fmt::Debug for Scaffold {
     }
 }
 
-fn check(
-    nodes: &[Vec3],
-    elements: &Connectivity,
-    planar: bool,
-) -> Result<(), ScaffoldError> {
+fn check(nodes: &[Vec3], elements: &Connectivity, planar: bool) -> Result<(), ScaffoldError> {
     if elements.is_empty() {
         return Err(ScaffoldError::Empty);
     }

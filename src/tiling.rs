@@ -129,7 +129,9 @@ pub enum TilingError {
         expected: usize,
     },
     /// Pyramids have no smoothed weights.
-    #[error("element {number} is a pyramid, whose weights cannot be smoothed; expected linear ones")]
+    #[error(
+        "element {number} is a pyramid, whose weights cannot be smoothed; expected linear ones"
+    )]
     Smoothstep {
         /// Its number in the file.
         number: u64,
@@ -212,6 +214,26 @@ impl<'a, F: Filling> TiledSolid<'a, F> {
     /// # Errors
     /// See [`TilingError`].
     pub fn new(
+        scaffold: &'a Scaffold,
+        filling: &'a F,
+        options: TilingOptions,
+    ) -> Result<Self, TilingError> {
+        Self::holding(scaffold, Held::Borrowed(filling), options)
+    }
+
+    /// As [`Self::new`], of a filling that the tiling keeps.
+    ///
+    /// # Errors
+    /// See [`TilingError`].
+    pub fn owning(
+        scaffold: &'a Scaffold,
+        filling: F,
+        options: TilingOptions,
+    ) -> Result<Self, TilingError> {
+        Self::holding(scaffold, Held::Owned(Box::new(filling)), options)
+    }
+
+    fn holding(
         scaffold: &'a Scaffold,
         filling: Held<'a, F>,
         options: TilingOptions,

@@ -1,9 +1,9 @@
 //! `druse scaffold info FILE` and `druse scaffold check FILE`.
 
 use super::{Answer, Failure, Session};
-use crate::io::{
-    DataField, ElementFile, FieldAt, ScaffoldFile, SurfaceFile, read_elements,
-};
+use crate::io::{DataField, ElementFile, FieldAt, ScaffoldFile, SurfaceFile, read_elements};
+use crate::pipeline::{Probe, RunOptions};
+use crate::recipe::Recipe;
 use crate::scaffold::ScaffoldReport;
 use clap::{Args, Subcommand};
 use serde_json::{Value, json};
@@ -26,14 +26,24 @@ enum What {
         #[arg(short, long, value_name = "X.vtu")]
         output: Option<PathBuf>,
     },
-    /// Whether a mesh can be filled and fits together; exit code 1 when it does not.
+    /// Whether a mesh can be filled and fits together; of a recipe also whether its field is continuous
+    /// over all shared faces. Exit code 1 when it is not.
     Check {
-        /// The mesh.
+        /// The mesh, or a recipe with a scaffold.
         file: PathBuf,
+        /// Of a recipe: write jumps, creases and weights of the elements for ParaView or pyvista.
+        #[arg(short, long, value_name = "X.vtu")]
+        output: Option<PathBuf>,
+        /// Of a recipe: the greatest jump of the value that passes, over the field's range.
+        #[arg(long, value_name = "SHARE", default_value_t = 1e-5)]
+        tolerance: f64,
+        /// Override a key of the recipe, as in tiling.cell=octet.
+        #[arg(long, value_name = "KEY=VALUE")]
+        set: Vec<String>,
     },
 }
 
-pub(super) fn answer(p: &Parameters, _: &Session) -> Result<Answer, Failure> {
+pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     match &p.what {
         What::Info { file, output } => {
             let (text, facts) = describe(file)?;
@@ -42,17 +52,86 @@ pub(super) fn answer(p: &Parameters, _: &Session) -> Result<Answer, Failure> {
             }
             Ok(Answer::new(text, facts))
         }
-        What::Check { file } => {
+        What::Check {
+            file,
+            output,
+            tolerance,
+            set,
+        } if file.extension().is_some_and(|e| e == "toml") => {
+            certificate(file, output.as_deref(), *tolerance, set, session)
+        }
+        What::Check { file, .. } => {
             let (mut text, facts) = describe(file)?;
             let is_empty = |key: &str| {
                 let list = facts[key].as_array();
                 list.is_none_or(Vec::is_empty)
             };
-            let passed = ["inverted", "degenerate", "warnings"].into_iter().all(is_empty);
+            let passed = ["inverted", "degenerate", "warnings"]
+                .into_iter()
+                .all(is_empty);
             text.push_str(if passed { "sound\n" } else { "NOT sound\n" });
             Ok(Answer::new(text, facts).verdict(passed))
         }
     }
+}
+
+/// The continuity of a recipe's field.
+fn certificate(
+    path: &Path,
+    output: Option<&Path>,
+    tolerance: f64,
+    set: &[String],
+    session: &Session,
+) -> Result<Answer, Failure> {
+    let recipe = Recipe::read(path, set)?;
+    let probe = Probe::new(&recipe, &RunOptions::default(), session)?;
+    let found = probe.certificate(output)?;
+    let mut text = String::new();
+    for kind in &found.faces {
+        let _ = writeln!(
+            text,
+            "{} {} faces, {} points: value jump at most {:.3e} of the range (99 %: {:.3e}); \
+             {} crossings: crease at most {:.3} degrees (99 %: {:.3})",
+            kind.faces,
+            kind.kind,
+            kind.points,
+            kind.value_jump_max,
+            kind.value_jump_p99,
+            kind.crossings,
+            kind.crease_degrees_max,
+            kind.crease_degrees_p99
+        );
+    }
+    if found.faces.is_empty() {
+        text.push_str("no faces are shared\n");
+    }
+    let passed = found.value_jump_max <= tolerance;
+    for seam in found.worst.iter().filter(|s| s.value_jump > tolerance) {
+        let _ = writeln!(
+            text,
+            "elements {} and {}: jump {:.3e} at ({}, {}, {}), their faces {:.3e} apart",
+            seam.elements[0],
+            seam.elements[1],
+            seam.value_jump,
+            seam.at[0],
+            seam.at[1],
+            seam.at[2],
+            seam.gap
+        );
+    }
+    for warning in probe.warnings() {
+        let _ = writeln!(text, "{}: {}", warning.code, warning.message);
+    }
+    text.push_str(if passed {
+        "continuous\n"
+    } else {
+        "NOT continuous\n"
+    });
+    let facts = json!({
+        "kind": "certificate", "path": path.display().to_string(), "continuity": found,
+        "warnings": probe.warnings(), "passed": passed,
+    });
+    Ok(Answer::new(text, facts).verdict(passed))
 }
 
 /// Writes a scaffold with its quality.
@@ -63,8 +142,11 @@ fn write(path: &Path, output: &Path) -> Result<(), Failure> {
     let number: Vec<f64> = (0..file.scaffold.len())
         .map(|e| file.scaffold.number(e) as f64)
         .collect();
-    let fields: [(&str, &[f64]); 3] =
-        [("quality", &quality), ("volume", &volume), ("number", &number)];
+    let fields: [(&str, &[f64]); 3] = [
+        ("quality", &quality),
+        ("volume", &volume),
+        ("number", &number),
+    ];
     crate::io::write_vtu(output, &file.scaffold, &fields)?;
     Ok(())
 }
@@ -98,7 +180,10 @@ fn fields_of(fields: &[DataField], text: &mut String) -> Vec<Value> {
 
 fn describe_surface(path: &Path, file: &SurfaceFile) -> (String, Value) {
     let kinds = file.surface.kinds();
-    let listed: Vec<String> = kinds.iter().map(|(k, n)| format!("{n} {}", k.name())).collect();
+    let listed: Vec<String> = kinds
+        .iter()
+        .map(|(k, n)| format!("{n} {}", k.name()))
+        .collect();
     let bounds = file.surface.bounds();
     let [min, max] = [bounds.min, bounds.max].map(|v| [v.x, v.y, v.z]);
     let mut text = format!(
@@ -108,7 +193,12 @@ fn describe_surface(path: &Path, file: &SurfaceFile) -> (String, Value) {
         file.surface.nodes().len()
     );
     for group in &file.groups {
-        let _ = writeln!(text, "group {:?}: {} elements", group.name, group.elements.len());
+        let _ = writeln!(
+            text,
+            "group {:?}: {} elements",
+            group.name,
+            group.elements.len()
+        );
     }
     let fields = fields_of(&file.fields, &mut text);
     let kinds: serde_json::Map<String, Value> = kinds

@@ -213,7 +213,11 @@ impl<'a> Collector<'a> {
                 return Err(ReadError::data(
                     self.path,
                     Place::File,
-                    format!("field {} of {} values", quote(&field.name), field.values.len()),
+                    format!(
+                        "field {} of {} values",
+                        quote(&field.name),
+                        field.values.len()
+                    ),
                     format!("{} for each of {count} {what}", field.components),
                 ));
             }

@@ -52,20 +52,28 @@ pub fn read_off(path: &Path) -> Result<ElementFile, ReadError> {
     };
     let first = line(&mut tokens, "OFF")?;
     let Some(rest) = first.strip_prefix("OFF") else {
-        return Err(tokens.source.bad(quote(&first), "OFF, the first line of an .off file"));
+        return Err(tokens
+            .source
+            .bad(quote(&first), "OFF, the first line of an .off file"));
     };
     let what = "the numbers of vertices, faces and edges";
     let counts = match rest.trim() {
         "" => line(&mut tokens, what)?,
         same_line => same_line.to_owned(),
     };
-    let numbers: Vec<u64> = counts.split_whitespace().filter_map(|w| w.parse().ok()).collect();
+    let numbers: Vec<u64> = counts
+        .split_whitespace()
+        .filter_map(|w| w.parse().ok())
+        .collect();
     let [vertices, faces, ..] = numbers[..] else {
         return Err(tokens.source.bad(quote(&counts), what));
     };
     for i in 0..tokens.source.count(vertices, 6, "vertices")? {
         let text = line(&mut tokens, "a vertex")?;
-        let at: Vec<f64> = text.split_whitespace().filter_map(|w| w.parse().ok()).collect();
+        let at: Vec<f64> = text
+            .split_whitespace()
+            .filter_map(|w| w.parse().ok())
+            .collect();
         let [x, y, z, ..] = at[..] else {
             return Err(tokens.source.bad(quote(&text), "three coordinates"));
         };
@@ -73,12 +81,17 @@ pub fn read_off(path: &Path) -> Result<ElementFile, ReadError> {
     }
     for i in 0..tokens.source.count(faces, 7, "faces")? {
         let text = line(&mut tokens, "a face")?;
-        let words: Vec<u64> = text.split_whitespace().map_while(|w| w.parse().ok()).collect();
+        let words: Vec<u64> = text
+            .split_whitespace()
+            .map_while(|w| w.parse().ok())
+            .collect();
         let corners = words
             .split_first()
             .and_then(|(&n, rest)| rest.get(..usize::try_from(n).ok()?));
         let Some(corners) = corners else {
-            return Err(tokens.source.bad(quote(&text), "a number of corners and the corners"));
+            return Err(tokens
+                .source
+                .bad(quote(&text), "a number of corners and the corners"));
         };
         let kind = kind_of(corners.len(), &tokens.source)?;
         collector.element(i as u64, kind, corners, &[]);

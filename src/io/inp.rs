@@ -18,11 +18,15 @@ const DEEPEST: usize = 8;
 /// The kind of an Abaqus element type, if it fills space or a surface.
 fn kind_of(name: &str) -> Option<Kind> {
     // Letters after the number of nodes tell integration and material apart, not the shape.
-    let digits: usize = name.len() - name.trim_end_matches(|c: char| c.is_ascii_alphabetic()).len();
+    let digits: usize = name.len()
+        - name
+            .trim_end_matches(|c: char| c.is_ascii_alphabetic())
+            .len();
     let stem = &name[..name.len() - digits];
     let solid = ["C3D", "DC3D", "AC3D", "F3D", "MC3D", "EC3D"];
     let planar = [
-        "CPS", "CPE", "CPEG", "CAX", "S", "M3D", "STRI", "SFM3D", "DC2D", "DS", "R3D", "AC2D", "DCAX",
+        "CPS", "CPE", "CPEG", "CAX", "S", "M3D", "STRI", "SFM3D", "DC2D", "DS", "R3D", "AC2D",
+        "DCAX",
     ];
     let start = stem.trim_end_matches(|c: char| c.is_ascii_digit());
     // The 3 of C3D is no number of nodes.
@@ -48,7 +52,10 @@ fn kind_of(name: &str) -> Option<Kind> {
 
 /// Whether an element type is a solid or a surface, though not one of ours.
 fn matters(name: &str) -> bool {
-    name.contains("3D") && !["B3", "T3D", "SPRING", "DASH", "GAP", "CONN", "MASS", "PIPE", "R3D2"]
+    name.contains("3D")
+        && ![
+            "B3", "T3D", "SPRING", "DASH", "GAP", "CONN", "MASS", "PIPE", "R3D2",
+        ]
         .iter()
         .any(|p| name.starts_with(p))
 }
@@ -58,10 +65,16 @@ fn matters(name: &str) -> bool {
 enum Section {
     Other,
     Nodes,
-    Elements { kind: Kind, set: Option<String> },
+    Elements {
+        kind: Kind,
+        set: Option<String>,
+    },
     /// Elements of a type without shape for us: nodes of the first are not even counted.
     Passed,
-    Set { name: String, generate: bool },
+    Set {
+        name: String,
+        generate: bool,
+    },
 }
 
 struct Deck<'a> {
@@ -150,9 +163,9 @@ impl Deck<'_> {
                     },
                     None if matters(&upper) => {
                         let found = format!("elements of type {}", quote(kind));
-                        return Err(source
-                            .bad(found, KINDS_READ)
-                            .with_hint("types such as C3D4, C3D10, C3D8, C3D20, C3D6, C3D15, S3, S4, S8"));
+                        return Err(source.bad(found, KINDS_READ).with_hint(
+                            "types such as C3D4, C3D10, C3D8, C3D20, C3D6, C3D15, S3, S4, S8",
+                        ));
                     }
                     None => Section::Passed,
                 }
@@ -224,9 +237,15 @@ impl Deck<'_> {
                     if self.places.insert(number, place).is_some() {
                         let place = Place::ItemOnLine("element", number, source.line_number());
                         let found = "a second element of this number";
-                        return Err(ReadError::data(source.path(), place, found, "every number once"));
+                        return Err(ReadError::data(
+                            source.path(),
+                            place,
+                            found,
+                            "every number once",
+                        ));
                     }
-                    self.collector.element(number, kind, &self.pending[1..], &[]);
+                    self.collector
+                        .element(number, kind, &self.pending[1..], &[]);
                     if let Some(set) = set {
                         self.sets.entry(set).or_default().0.push(number);
                     }

@@ -265,7 +265,10 @@ impl File<'_> {
         for (to, &from) in ordered.iter_mut().zip(kind.gmsh_order()) {
             *to = nodes[from as usize];
         }
-        let groups: Vec<i64> = groups.iter().map(|&g| group_of(dimension(kind), g)).collect();
+        let groups: Vec<i64> = groups
+            .iter()
+            .map(|&g| group_of(dimension(kind), g))
+            .collect();
         self.collector
             .element(number, kind, &ordered[..nodes.len()], &groups);
     }

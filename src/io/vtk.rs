@@ -39,9 +39,7 @@ const SOLIDS: [(u8, &str); 17] = [
     (80, "Bezier wedge"),
 ];
 /// Cell types of points, lines and surfaces.
-const FLAT: [u8; 17] = [
-    0, 1, 2, 3, 4, 6, 7, 21, 30, 34, 35, 36, 68, 69, 70, 75, 76,
-];
+const FLAT: [u8; 17] = [0, 1, 2, 3, 4, 6, 7, 21, 30, 34, 35, 36, 68, 69, 70, 75, 76];
 /// A pixel's and a voxel's nodes in the order of a quad and a hexahedron.
 const PIXEL: [usize; 4] = [0, 1, 3, 2];
 const VOXEL: [usize; 8] = [0, 1, 3, 2, 4, 5, 7, 6];

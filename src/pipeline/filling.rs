@@ -12,7 +12,9 @@ use crate::frame::{CellPoint, Element, Vec3};
 use crate::mesh::MeshSolid;
 use crate::recipe::{self, Sections, TilingSection, Varying};
 use crate::scaffold::Scaffold;
-use crate::tiling::{Blend, CellField, Filling, Interpolation, Member, PathCheck, certify, check_path};
+use crate::tiling::{
+    Blend, CellField, Filling, Interpolation, Member, PathCheck, certify, check_path,
+};
 use crate::vdb::Session;
 
 /// Levels tabulated over a graded quantity.
@@ -190,7 +192,11 @@ impl Fill {
             let known: Vec<&str> = groups.iter().map(|g| g.name.as_str()).collect();
             RunError::Tiling(format!(
                 "{key}: the scaffold has no group {name:?}; it has {}",
-                if known.is_empty() { "none".into() } else { known.join(", ") }
+                if known.is_empty() {
+                    "none".into()
+                } else {
+                    known.join(", ")
+                }
             ))
         })
     }
@@ -204,8 +210,13 @@ impl Fill {
     ) -> Result<(), RunError> {
         let (key, varying): (&str, &Varying) = match section {
             TilingSection { level: Some(v), .. } => ("tiling.level", v),
-            TilingSection { volume_fraction: Some(v), .. } => ("tiling.volume_fraction", v),
-            TilingSection { thickness: Some(v), .. } => ("tiling.thickness", v),
+            TilingSection {
+                volume_fraction: Some(v),
+                ..
+            } => ("tiling.volume_fraction", v),
+            TilingSection {
+                thickness: Some(v), ..
+            } => ("tiling.thickness", v),
             _ => return Ok(()),
         };
         let scaffold = &self.loaded.scaffold;
@@ -221,13 +232,19 @@ impl Fill {
         let mut grading = vec![0.0; values.len()];
         for (c, entry) in self.palette.iter().enumerate() {
             let weight = |node: usize| match self.weights.get(node * count + c) {
-                Some(w) => w / self.weights[node * count..(node + 1) * count].iter().sum::<f64>(),
+                Some(w) => {
+                    w / self.weights[node * count..(node + 1) * count]
+                        .iter()
+                        .sum::<f64>()
+                }
                 None => 1.0,
             };
             let used = (0..values.len()).filter(|&n| is_corner[n] && weight(n) > 0.0);
             let used: Vec<usize> = used.collect();
             let own = used.iter().map(|&n| values[n]);
-            let range = own.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(v), b.max(v)));
+            let range = own.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| {
+                (a.min(v), b.max(v))
+            });
             if used.is_empty() {
                 continue;
             }
@@ -255,9 +272,9 @@ impl Fill {
         for i in 0..count {
             for j in i + 1..count {
                 let Some(weight) = broken(i, j) else { continue };
-                let between = (0..count)
-                    .filter(|&k| k != i && k != j)
-                    .find(|&k| broken(i.min(k), i.max(k)).is_none() && broken(j.min(k), j.max(k)).is_none());
+                let between = (0..count).filter(|&k| k != i && k != j).find(|&k| {
+                    broken(i.min(k), i.max(k)).is_none() && broken(j.min(k), j.max(k)).is_none()
+                });
                 let (a, b) = (&self.palette[i].name, &self.palette[j].name);
                 let advice = match between {
                     Some(k) => format!("pass through {:?}", self.palette[k].name),
@@ -405,7 +422,11 @@ fn shifts(entry: &Entry, key: &str, (low, high): (f64, f64)) -> Result<Vec<(f64,
         key: format!("{key} of cell.{}", entry.name),
         fault: e.into(),
     };
-    let steps = if high - low > 1e-9 * high.abs().max(1e-9) { GRADES } else { 1 };
+    let steps = if high - low > 1e-9 * high.abs().max(1e-9) {
+        GRADES
+    } else {
+        1
+    };
     let mut found = Vec::new();
     for i in 0..steps {
         let t = i as f64 / (steps - 1).max(1) as f64;
@@ -415,10 +436,13 @@ fn shifts(entry: &Entry, key: &str, (low, high): (f64, f64)) -> Result<Vec<(f64,
             "tiling.volume_fraction" => cell.level_for_volume_fraction(at).map_err(fault)?,
             _ => cell.level_for_thickness(at).map_err(fault)?,
         };
-        let other = cell.clone().with_solid(cell.solid(), level).map_err(fault)?;
+        let other = cell
+            .clone()
+            .with_solid(cell.solid(), level)
+            .map_err(fault)?;
         // Off the middle of a sheet, where its field has a kink.
         let p = CellPoint(Vec3::new(0.13, 0.07, -0.05));
-        let shift = cell.value(p) - other.value(p);
+        let shift = Field::value(cell, p) - Field::value(&other, p);
         found.push((at, shift / CellField::gradient_rms(&entry.tables[0])));
     }
     Ok(found)

@@ -1,6 +1,7 @@
 //! What a run found and made: the content of `report.json`.
 
 use crate::frame::Aabb;
+use crate::tiling::Certificate;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
@@ -23,6 +24,9 @@ pub struct Report {
     /// The cells that were used, by name.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub cells: BTreeMap<String, serde_json::Value>,
+    /// Continuity over all shared faces; with `certificate = true`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub continuity: Option<ContinuityReport>,
     /// The sampling.
     pub band: BandReport,
     /// The solid after the last operation.
@@ -66,6 +70,95 @@ pub struct ScaffoldReport {
     pub components: u64,
     /// Volume of all elements.
     pub volume: f64,
+    /// Least and greatest dihedral angle of straight tets, degrees.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub dihedral_degrees: Option<[f64; 2]>,
+}
+
+/// Continuity over the faces that elements share.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct ContinuityReport {
+    /// Greatest jump of the field's value, over the field's range.
+    pub value_jump_max: f64,
+    /// Its 99th percentile over the points.
+    pub value_jump_p99: f64,
+    /// 99th percentile of the angle between both sides' surface normals, degrees.
+    pub crease_degrees_p99: f64,
+    /// Greatest such angle, degrees.
+    pub crease_degrees_max: f64,
+    /// By kind of face.
+    pub faces: Vec<FaceReport>,
+    /// The worst places.
+    pub worst: Vec<SeamReport>,
+}
+
+/// Continuity over the faces of one kind.
+#[derive(Clone, Debug, Serialize)]
+pub struct FaceReport {
+    /// "triangle" or "quad".
+    pub kind: &'static str,
+    /// Faces looked at.
+    pub faces: usize,
+    /// Points looked at.
+    pub points: usize,
+    /// Points where the surface crosses a face.
+    pub crossings: usize,
+    /// Greatest jump, over the field's range.
+    pub value_jump_max: f64,
+    /// Its 99th percentile.
+    pub value_jump_p99: f64,
+    /// Greatest crease, degrees.
+    pub crease_degrees_max: f64,
+    /// Its 99th percentile, degrees.
+    pub crease_degrees_p99: f64,
+}
+
+/// A place where both sides of a face differ most.
+#[derive(Clone, Debug, Serialize)]
+pub struct SeamReport {
+    /// Numbers of the elements in the file.
+    pub elements: [u64; 2],
+    /// Where, recipe units.
+    pub at: [f64; 3],
+    /// Jump of the value over the field's range.
+    pub value_jump: f64,
+    /// Distance between both elements' faces there, recipe units.
+    pub gap: f64,
+}
+
+impl From<&Certificate> for ContinuityReport {
+    fn from(c: &Certificate) -> Self {
+        Self {
+            value_jump_max: c.value_jump_max,
+            value_jump_p99: c.value_jump_p99,
+            crease_degrees_p99: c.crease_degrees_p99,
+            crease_degrees_max: c.crease_degrees_max,
+            faces: c
+                .kinds
+                .iter()
+                .map(|k| FaceReport {
+                    kind: k.kind,
+                    faces: k.faces,
+                    points: k.points,
+                    crossings: k.crossings,
+                    value_jump_max: k.value_jump_max,
+                    value_jump_p99: k.value_jump_p99,
+                    crease_degrees_max: k.crease_degrees_max,
+                    crease_degrees_p99: k.crease_degrees_p99,
+                })
+                .collect(),
+            worst: c
+                .worst
+                .iter()
+                .map(|s| SeamReport {
+                    elements: s.elements,
+                    at: s.at,
+                    value_jump: s.value_jump,
+                    gap: s.gap,
+                })
+                .collect(),
+        }
+    }
 }
 
 /// The sampling.
@@ -171,6 +264,10 @@ impl Warning {
     pub const CUT: &'static str = "W107";
     /// W108: operations that keep pieces dropped more than a hundredth of the solid.
     pub const DROPPED: &'static str = "W108";
+    /// W109: weights that count as 0.
+    pub const WEIGHTS: &'static str = "W109";
+    /// W110: a transition along which the solid falls apart.
+    pub const TRANSITION: &'static str = "W110";
 }
 
 fn corners<S: serde::Serializer>(b: &Aabb, s: S) -> Result<S::Ok, S::Error> {

@@ -4,7 +4,7 @@ use super::error::RunError;
 use super::inputs::{Inputs, frame_map};
 use super::report::{ScaffoldReport, Warning};
 use crate::frame::{Aabb, Vec3};
-use crate::io::{DataField, ElementFile, FieldAt, Group};
+use crate::io::{ElementFile, Group};
 use crate::mesh::MeshSolid;
 use crate::recipe::{BoxKind, BoxScaffold, FillKind, FillScaffold, ScaffoldSection, Scale};
 use crate::scaffold::{Connectivity, Divided, InvalidScaffold, Kind, Scaffold, ScaffoldError};
@@ -20,11 +20,6 @@ pub(super) struct Loaded {
     pub report: ScaffoldReport,
     /// Named sets of its elements.
     pub groups: Vec<Group>,
-    /// The file's data; those of elements are of this scaffold's elements, those of points lie at
-    /// `points`.
-    pub fields: Vec<DataField>,
-    /// The points that point data belong to, recipe units.
-    pub points: Vec<Vec3>,
     /// The mesh that ends the solid of a filled one.
     pub envelope: Option<Arc<MeshSolid>>,
 }
@@ -34,8 +29,6 @@ struct Raw {
     scaffold: Scaffold,
     path: Option<PathBuf>,
     groups: Vec<Group>,
-    fields: Vec<DataField>,
-    points: Vec<Vec3>,
     envelope: Option<Arc<MeshSolid>>,
 }
 
@@ -45,8 +38,6 @@ impl Raw {
             scaffold,
             path: None,
             groups: Vec::new(),
-            fields: Vec::new(),
-            points: Vec::new(),
             envelope: None,
         }
     }
@@ -62,18 +53,8 @@ impl Raw {
                 name: g.name,
             }
         });
-        let fields = self.fields.into_iter().map(|f| match f.at {
-            FieldAt::Points => f,
-            FieldAt::Cells => {
-                let n = f.components;
-                let own = |p: &u32| &f.values[*p as usize * n..(*p as usize + 1) * n];
-                let values = parents.iter().flat_map(own).copied().collect();
-                DataField { values, ..f }
-            }
-        });
         Self {
             groups: groups.collect(),
-            fields: fields.collect(),
             scaffold: cut.scaffold,
             ..self
         }
@@ -105,8 +86,6 @@ pub(super) fn load(inputs: &mut Inputs, section: &ScaffoldSection) -> Result<Loa
         scaffold: raw.scaffold,
         report,
         groups: raw.groups,
-        fields: raw.fields,
-        points: raw.points,
         envelope: raw.envelope,
     })
 }
@@ -121,9 +100,7 @@ fn failed(path: Option<&Path>, error: &ScaffoldError) -> RunError {
 
 fn source(inputs: &mut Inputs, section: &ScaffoldSection) -> Result<Raw, RunError> {
     let scale = inputs.recipe.scale();
-    let made = |s: Result<Scaffold, ScaffoldError>| {
-        s.map(Raw::plain).map_err(|e| failed(None, &e))
-    };
+    let made = |s: Result<Scaffold, ScaffoldError>| s.map(Raw::plain).map_err(|e| failed(None, &e));
     let at = |o: &[crate::recipe::Length; 3]| Vec3::from(o.map(|o| o.resolve(scale)));
     if let Some(block) = &section.block {
         return made(box_scaffold(block, scale));
@@ -131,7 +108,11 @@ fn source(inputs: &mut Inputs, section: &ScaffoldSection) -> Result<Raw, RunErro
     if let Some(c) = &section.cylinder {
         let [radius, height, cell] = [c.radius, c.height, c.cell_size].map(|s| s.resolve(scale));
         let shift = at(&c.origin);
-        return made(Scaffold::cylinder(radius, height, cell).and_then(|s| moved(&s, |v| v + shift)));
+        let scaffold = match c.inner_radius {
+            Some(inner) => Scaffold::tube(inner.resolve(scale), radius, height, cell),
+            None => Scaffold::cylinder(radius, height, cell),
+        };
+        return made(scaffold.and_then(|s| moved(&s, |v| v + shift)));
     }
     if let Some(c) = &section.sphere {
         let [radius, cell] = [c.radius, c.cell_size].map(|s| s.resolve(scale));
@@ -141,8 +122,10 @@ fn source(inputs: &mut Inputs, section: &ScaffoldSection) -> Result<Raw, RunErro
     if let Some(fill) = &section.fill {
         let solid = Arc::new(inputs.read_solid("scaffold.fill.mesh", &fill.mesh)?);
         let scaffold = filled(&solid, fill, scale).map_err(|e| failed(None, &e))?;
+        // The mesh cuts the cubes; tets end at it.
+        let envelope = (fill.kind == FillKind::Hex).then_some(solid);
         return Ok(Raw {
-            envelope: Some(solid),
+            envelope,
             ..Raw::plain(scaffold)
         });
     }
@@ -165,10 +148,8 @@ fn source(inputs: &mut Inputs, section: &ScaffoldSection) -> Result<Raw, RunErro
             }
             let scaffold = moved(&file.scaffold, map).map_err(fail)?;
             Raw {
-                points: scaffold.nodes().to_vec(),
                 scaffold,
                 groups: file.groups,
-                fields: file.fields,
                 path: Some(path.clone()),
                 envelope: None,
             }
@@ -204,10 +185,8 @@ fn source(inputs: &mut Inputs, section: &ScaffoldSection) -> Result<Raw, RunErro
                 }
             };
             Raw {
-                points: surface.nodes().to_vec(),
                 scaffold: scaffold.map_err(fail)?,
                 groups: file.groups,
-                fields: file.fields,
                 path: Some(path.clone()),
                 envelope: None,
             }
@@ -284,6 +263,7 @@ fn judge(
         hanging: found.defects.hanging.len() as u64,
         components: found.components as u64,
         volume: found.volume,
+        dihedral_degrees: scaffold.dihedral_range(),
     })
 }
 
@@ -305,11 +285,13 @@ fn box_scaffold(block: &BoxScaffold, scale: Scale) -> Result<Scaffold, ScaffoldE
     moved(&scaffold, |v| v + origin)
 }
 
-/// The cubes of a grid that meet a solid.
+/// The cubes of a grid that meet a solid, or tets that fill it.
 fn filled(solid: &MeshSolid, fill: &FillScaffold, scale: Scale) -> Result<Scaffold, ScaffoldError> {
-    let FillKind::Hex = fill.kind;
     let cell = fill.cell_size.resolve(scale);
     let bounds = solid.bounds();
+    if fill.kind == FillKind::Tet {
+        return Scaffold::stuffed(bounds, cell, |p| solid.signed_distance(p));
+    }
     let counts = bounds.size().map(|s| (s / cell).ceil().max(1.0));
     let found = counts.product();
     if !found.is_finite() || found > MOST {

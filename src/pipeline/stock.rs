@@ -1,13 +1,12 @@
 //! What a run is made of, read once: the meshes of its operations, its scaffold, its cell.
 
-use super::cells;
 use super::error::{RunError, short};
+use super::filling::{Fill, Filled};
 use super::inputs::{Inputs, hash_text};
 use super::report::{Report, SolidReport, Warning};
-use super::scaffold::{self, Loaded};
+use super::scaffold;
 use super::shape::{Borrowed, Shape};
-use crate::cell::{Cell, Table};
-use crate::field::Intersection;
+use crate::field::{Intersection, WorldField};
 use crate::mesh::MeshSolid;
 use crate::progress::{Progress, Threads};
 use crate::recipe::{Boundary, Distance, FileFrame, Op, Operand, Recipe, Scale};
@@ -23,15 +22,7 @@ pub(super) struct Stock<'a> {
     pub recipe: &'a Recipe,
     inputs: Inputs<'a>,
     solids: BTreeMap<String, Arc<MeshSolid>>,
-    tiling: Option<Tiling>,
-}
-
-/// A scaffold and the cell that fills it.
-struct Tiling {
-    loaded: Loaded,
-    name: String,
-    cell: Cell,
-    table: Table,
+    tiling: Option<Fill>,
 }
 
 impl<'a> Stock<'a> {
@@ -85,27 +76,31 @@ impl<'a> Stock<'a> {
             return Ok(());
         };
         let loaded = scaffold::load(&mut self.inputs, section)?;
-        let scaffold = &loaded.scaffold;
-        let shapes = scaffold.shapes();
-        let [element] = shapes[..] else {
-            let names: Vec<&str> = shapes.iter().map(|s| s.name()).collect();
-            return Err(RunError::Mixed(names.join(" and ")));
-        };
-        let cell_section = &sections.cell[&tiling.cell];
         session.progress.stage("cell", None);
-        let key = format!("cell.{}", tiling.cell);
-        let cell = cells::make(&mut self.inputs, &key, cell_section, element, session)?;
-        let table = Table::new(&cell).map_err(|e| RunError::Cell {
-            key,
-            fault: e.into(),
-        })?;
-        self.tiling = Some(Tiling {
+        let envelope = self.envelope().cloned().or_else(|| loaded.envelope.clone());
+        let inputs = &mut self.inputs;
+        self.tiling = Some(Fill::load(
+            inputs,
             loaded,
-            name: tiling.cell.clone(),
-            cell,
-            table,
-        });
+            tiling,
+            envelope.as_deref(),
+            session,
+        )?);
         Ok(())
+    }
+
+    /// The first mesh that the solid is intersected with.
+    fn envelope(&self) -> Option<&Arc<MeshSolid>> {
+        let ops = &self.recipe.sections().op;
+        ops.iter().enumerate().find_map(|(n, op)| match op {
+            Op::Intersect(Operand::Mesh(_)) => self.solids.get(&format!("op.{n}")),
+            _ => None,
+        })
+    }
+
+    /// What fills the scaffold, if the recipe has one.
+    pub fn fill(&self) -> Option<&Fill> {
+        self.tiling.as_ref()
     }
 
     /// What the finished solid shows: W102 thin walls, W106 loose pieces, W107 cuts that miss it,
@@ -156,14 +151,11 @@ impl<'a> Stock<'a> {
         &self.solids[key]
     }
 
-    /// The tiled scaffold as a field, if the recipe has one.
-    pub fn tiled(&self, scale: Scale) -> Result<Option<Shape<'_>>, RunError> {
-        let Some(tiling) = &self.tiling else {
-            return Ok(None);
-        };
+    /// How the recipe tiles, for voxels of one size.
+    pub fn tiling_options(&self, scale: Scale) -> TilingOptions {
         let sections = self.recipe.sections();
         let boundary = sections.scaffold.as_ref().map(|s| s.boundary);
-        let options = TilingOptions {
+        TilingOptions {
             voxel_size: scale.voxel_size,
             half_width: scale.voxel_size * sections.band.half_width.0,
             distance: match sections.band.distance {
@@ -174,9 +166,25 @@ impl<'a> Stock<'a> {
                 Boundary::Cut => tiling::Boundary::Cut,
                 Boundary::Extend => tiling::Boundary::Extend,
             },
+        }
+    }
+
+    /// The tiled scaffold as a field, if the recipe has one.
+    pub fn tiled(&self, scale: Scale) -> Result<Option<Shape<'_>>, RunError> {
+        let Some(tiling) = &self.tiling else {
+            return Ok(None);
         };
-        let field = TiledSolid::new(&tiling.loaded.scaffold, &tiling.table, options)
-            .map_err(|e| RunError::Tiling(e.to_string()))?;
+        let options = self.tiling_options(scale);
+        let failed = |e: tiling::TilingError| RunError::Tiling(e.to_string());
+        let scaffold = &tiling.loaded.scaffold;
+        let field: Box<WorldField<'_>> = match tiling.tabulated()? {
+            Filled::One(table) => {
+                Box::new(TiledSolid::new(scaffold, table, options).map_err(failed)?)
+            }
+            Filled::Many(blend) => {
+                Box::new(TiledSolid::owning(scaffold, blend, options).map_err(failed)?)
+            }
+        };
         let bounds = tiling.loaded.scaffold.bounds();
         // Where nothing is cut off, an envelope ends the solid; it may reach beyond the scaffold.
         let extent = match options.boundary {
@@ -184,7 +192,7 @@ impl<'a> Stock<'a> {
             tiling::Boundary::Extend => bounds.dilated(bounds.half_diagonal()),
         };
         let mut shape = Shape {
-            field: Box::new(field),
+            field,
             extent,
             name: "the scaffold".into(),
         };
@@ -199,17 +207,15 @@ impl<'a> Stock<'a> {
 
     /// Elements of the scaffold.
     pub fn elements(&self) -> u64 {
-        self.tiling.as_ref().map_or(0, |t| t.loaded.scaffold.len() as u64)
+        self.tiling
+            .as_ref()
+            .map_or(0, |t| t.loaded.scaffold.len() as u64)
     }
 
     /// Volume that the solid's share is taken of: the first envelope's, or the scaffold's.
     pub fn room(&self) -> Option<f64> {
-        let ops = &self.recipe.sections().op;
-        let envelope = ops.iter().enumerate().find_map(|(n, op)| match op {
-            Op::Intersect(Operand::Mesh(_)) => Some(self.solid(&format!("op.{n}"))),
-            _ => None,
-        });
-        envelope
+        self.envelope()
+            .map(Arc::as_ref)
             .or_else(|| self.tiling.as_ref()?.loaded.envelope.as_deref())
             .map(|solid| solid.mesh().volume().abs())
             .or_else(|| self.tiling.as_ref().map(|t| t.loaded.report.volume))
@@ -225,8 +231,12 @@ impl<'a> Stock<'a> {
         let Some(tiling) = &self.tiling else {
             return (None, None);
         };
-        let asked = self.recipe.sections().cell[&tiling.name].volume_fraction;
-        (asked.map(|f| f.0), Some(tiling.cell.volume_fraction()))
+        // Of a blend there is no single one.
+        let [entry] = &tiling.palette[..] else {
+            return (None, None);
+        };
+        let asked = self.recipe.sections().cell[&entry.name].volume_fraction;
+        (asked.map(|f| f.0), Some(entry.cells[0].volume_fraction()))
     }
 
     /// The part of the report that the inputs fill in.
@@ -242,7 +252,8 @@ impl<'a> Stock<'a> {
             cells: self
                 .tiling
                 .iter()
-                .map(|t| (t.name.clone(), super::cells::facts(&t.cell)))
+                .flat_map(|t| &t.palette)
+                .map(|e| (e.name.clone(), super::cells::facts(&e.cells[0])))
                 .collect(),
             warnings: self.inputs.warnings.clone(),
             ..Report::default()

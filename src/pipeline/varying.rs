@@ -47,7 +47,10 @@ impl Setting<'_> {
     /// Values of a formula at points; every one is finite.
     pub fn formula(&self, text: &str, points: &[Vec3]) -> Result<Vec<f64>, RunError> {
         let formula = Formula::parse(text, &NAMES).map_err(|e| self.fail(e.to_string()))?;
-        let values: Vec<f64> = points.iter().map(|&p| formula.value(&self.variables(p))).collect();
+        let values: Vec<f64> = points
+            .iter()
+            .map(|&p| formula.value(&self.variables(p)))
+            .collect();
         match values.iter().position(|v| !v.is_finite()) {
             None => Ok(values),
             Some(i) => {
@@ -86,13 +89,18 @@ impl Setting<'_> {
         points: &[Vec3],
     ) -> Result<Vec<f64>, RunError> {
         let scaffold = inputs.recipe.sections().scaffold.as_ref();
-        let file = field.file.as_ref().or(scaffold.and_then(|s| s.file.as_ref()));
+        let file = field
+            .file
+            .as_ref()
+            .or(scaffold.and_then(|s| s.file.as_ref()));
         let Some(file) = file else {
             return Err(self.fail("a field needs a file: the scaffold has none of its own".into()));
         };
         let path = inputs.recipe.resolve(&file.path);
         let map = frame_map(file, file.unit.map(|u| u.0), inputs.recipe.unit());
-        let csv = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("csv"));
+        let csv = path
+            .extension()
+            .is_some_and(|e| e.eq_ignore_ascii_case("csv"));
         let data = if csv {
             let (places, values) = scattered(&path, &field.field)?;
             Data::Points(Scatter::new(places.into_iter().map(map).collect()), values)
@@ -102,7 +110,9 @@ impl Setting<'_> {
         if field.file.is_some() {
             inputs.record(&self.key, &path, data.bounds())?;
         }
-        let values = points.iter().map(|&p| data.at(p).map(|v| mapped(&field.map, v)));
+        let values = points
+            .iter()
+            .map(|&p| data.at(p).map(|v| mapped(&field.map, v)));
         let values: Vec<Option<f64>> = values.collect();
         let nearest = |i: usize| data.nearest(points[i]).map(|v| mapped(&field.map, v));
         values
@@ -141,7 +151,11 @@ impl Setting<'_> {
                 "{} has no field {:?}; it has {}",
                 path.display(),
                 field.field,
-                if known.is_empty() { "none".into() } else { known.join(", ") }
+                if known.is_empty() {
+                    "none".into()
+                } else {
+                    known.join(", ")
+                }
             )));
         };
         let values = self.component(found, field.component.as_deref())?;
@@ -201,7 +215,8 @@ impl Setting<'_> {
                     } else {
                         ([r[0], r[4], r[8]], [r[1], r[5], r[6]])
                     };
-                    let normal = (d[0] - d[1]).powi(2) + (d[1] - d[2]).powi(2) + (d[2] - d[0]).powi(2);
+                    let normal =
+                        (d[0] - d[1]).powi(2) + (d[1] - d[2]).powi(2) + (d[2] - d[0]).powi(2);
                     let shear: f64 = s.iter().map(|s| s * s).sum();
                     (normal / 2.0 + 3.0 * shear).sqrt()
                 };
@@ -232,7 +247,11 @@ pub(super) fn mapped(map: &[[f64; 2]], v: f64) -> f64 {
     for pair in map.windows(2) {
         let [[a, fa], [b, fb]] = [pair[0], pair[1]];
         if v <= b {
-            return if b > a { fa + (fb - fa) * (v - a) / (b - a) } else { fb };
+            return if b > a {
+                fa + (fb - fa) * (v - a) / (b - a)
+            } else {
+                fb
+            };
         }
     }
     map[map.len() - 1][1]
@@ -306,7 +325,9 @@ impl Scatter {
         let mut grid: HashMap<[i64; 3], Vec<u32>> = HashMap::new();
         let origin = bounds.min;
         for (i, p) in points.iter().enumerate() {
-            grid.entry(place(*p, origin, cell)).or_default().push(i as u32);
+            grid.entry(place(*p, origin, cell))
+                .or_default()
+                .push(i as u32);
         }
         Self {
             points,
@@ -340,7 +361,9 @@ impl Scatter {
             }
             found.sort_unstable_by(|a, b| a.1.total_cmp(&b.1).then(a.0.cmp(&b.0)));
             // What lies in further rings is further from the box's point than this.
-            let reached = (ring as f64 * self.cell - (p - inside).norm()).max(0.0).powi(2);
+            let reached = (ring as f64 * self.cell - (p - inside).norm())
+                .max(0.0)
+                .powi(2);
             let enough = found.get(count - 1).is_some_and(|f| f.1 <= reached);
             if enough || (inside != p && found.len() >= count) {
                 break;
@@ -372,7 +395,10 @@ fn place(p: Vec3, origin: Vec3, cell: f64) -> [i64; 3] {
 /// Columns x, y, z and one more of a `.csv` file.
 fn scattered(path: &Path, column: &str) -> Result<(Vec<Vec3>, Vec<f64>), ReadError> {
     let text = std::fs::read_to_string(path).map_err(|e| ReadError::io(path, e))?;
-    let mut lines = text.lines().enumerate().filter(|(_, l)| !l.trim().is_empty());
+    let mut lines = text
+        .lines()
+        .enumerate()
+        .filter(|(_, l)| !l.trim().is_empty());
     let header = lines.next().map_or("", |(_, l)| l.trim());
     let names: Vec<&str> = header.split(',').map(str::trim).collect();
     let wanted = ["x", "y", "z", column].map(|n| names.iter().position(|m| *m == n));
@@ -384,17 +410,32 @@ fn scattered(path: &Path, column: &str) -> Result<(Vec<Vec3>, Vec<f64>), ReadErr
     let (mut places, mut values) = (Vec::new(), Vec::new());
     for (n, line) in lines {
         let words: Vec<&str> = line.split(',').map(str::trim).collect();
-        let number = |c: usize| words.get(c).and_then(|w| w.parse::<f64>().ok()).filter(|v| v.is_finite());
+        let number = |c: usize| {
+            words
+                .get(c)
+                .and_then(|w| w.parse::<f64>().ok())
+                .filter(|v| v.is_finite())
+        };
         let [Some(x), Some(y), Some(z), Some(v)] = [x, y, z, v].map(number) else {
             let found = crate::io::quote(line);
             let place = Place::Line(n as u64 + 1);
-            return Err(ReadError::data(path, place, found, "finite numbers in every column"));
+            return Err(ReadError::data(
+                path,
+                place,
+                found,
+                "finite numbers in every column",
+            ));
         };
         places.push(Vec3::new(x, y, z));
         values.push(v);
     }
     if places.is_empty() {
-        return Err(ReadError::data(path, Place::File, "no points", "at least one line of numbers"));
+        return Err(ReadError::data(
+            path,
+            Place::File,
+            "no points",
+            "at least one line of numbers",
+        ));
     }
     Ok((places, values))
 }

@@ -5,9 +5,7 @@ use super::op::{Op, Operand};
 use super::output::OutputKind;
 use super::quantity::{Length, Size, Width};
 use super::source::Source;
-use super::{
-    CellSection, FileRef, ScaffoldSection, Sections, Solid, TilingSection, VERSION,
-};
+use super::{CellSection, FileRef, ScaffoldSection, Sections, Solid, TilingSection, VERSION};
 
 /// Cells that one tiling may blend.
 const MOST_CELLS: usize = 8;
@@ -152,7 +150,10 @@ fn tiling_keys(tiling: &TilingSection, source: &Source) -> Checked {
     if tiling.cells().len() > MOST_CELLS {
         return Err(source.fault(
             "tiling",
-            format!("{} cells in one tiling; expected at most {MOST_CELLS}", tiling.cells().len()),
+            format!(
+                "{} cells in one tiling; expected at most {MOST_CELLS}",
+                tiling.cells().len()
+            ),
         ));
     }
     let graded = [
@@ -160,7 +161,11 @@ fn tiling_keys(tiling: &TilingSection, source: &Source) -> Checked {
         ("volume_fraction", &tiling.volume_fraction),
         ("thickness", &tiling.thickness),
     ];
-    let graded: Vec<&str> = graded.iter().filter(|g| g.1.is_some()).map(|g| g.0).collect();
+    let graded: Vec<&str> = graded
+        .iter()
+        .filter(|g| g.1.is_some())
+        .map(|g| g.0)
+        .collect();
     if graded.len() > 1 {
         let found = list(&graded);
         return Err(source.fault(
@@ -198,14 +203,32 @@ fn scaffold_keys(scaffold: &ScaffoldSection, source: &Source) -> Checked {
         lengths.extend(sizes.map(|s| ("scaffold.box", s.0)));
     }
     if let Some(c) = &scaffold.cylinder {
-        lengths.extend([c.radius, c.height, c.cell_size].map(|s| ("scaffold.cylinder", s.0)));
+        let sizes = [c.radius, c.height, c.cell_size]
+            .into_iter()
+            .chain(c.inner_radius);
+        lengths.extend(sizes.map(|s| ("scaffold.cylinder", s.0)));
     }
     if let Some(c) = &scaffold.sphere {
         lengths.extend([c.radius, c.cell_size].map(|s| ("scaffold.sphere", s.0)));
     }
-    lengths.extend(scaffold.fill.iter().map(|f| ("scaffold.fill", f.cell_size.0)));
-    lengths.extend(scaffold.shell.iter().map(|s| ("scaffold.shell", s.thickness.0)));
-    lengths.extend(scaffold.plate.iter().map(|s| ("scaffold.plate", s.height.0)));
+    lengths.extend(
+        scaffold
+            .fill
+            .iter()
+            .map(|f| ("scaffold.fill", f.cell_size.0)),
+    );
+    lengths.extend(
+        scaffold
+            .shell
+            .iter()
+            .map(|s| ("scaffold.shell", s.thickness.0)),
+    );
+    lengths.extend(
+        scaffold
+            .plate
+            .iter()
+            .map(|s| ("scaffold.plate", s.height.0)),
+    );
     for (key, length) in lengths {
         no_voxels(length, key, source)?;
     }
@@ -216,12 +239,18 @@ fn scaffold_keys(scaffold: &ScaffoldSection, source: &Source) -> Checked {
         ));
     }
     if scaffold.shell.is_some() && scaffold.plate.is_some() {
-        return Err(source.fault("scaffold.plate", "expected one of shell and plate; found both"));
+        return Err(source.fault(
+            "scaffold.plate",
+            "expected one of shell and plate; found both",
+        ));
     }
     if scaffold.refine > 6 {
         return Err(source.fault(
             "scaffold.refine",
-            format!("refine = {}: 8^{0} parts of every element; expected at most 6", scaffold.refine),
+            format!(
+                "refine = {}: 8^{0} parts of every element; expected at most 6",
+                scaffold.refine
+            ),
         ));
     }
     Ok(())

@@ -20,7 +20,7 @@ pub struct ScaffoldSection {
     pub cylinder: Option<CylinderScaffold>,
     /// A ball of curved hexes, made here.
     pub sphere: Option<SphereScaffold>,
-    /// A closed mesh filled with hexes, made here; the mesh ends the solid.
+    /// A closed mesh filled with hexes or tets, made here.
     pub fill: Option<FillScaffold>,
     /// Gives a surface a thickness along its normals.
     pub shell: Option<Shell>,
@@ -58,6 +58,8 @@ impl ScaffoldSection {
 pub struct CylinderScaffold {
     /// Radius.
     pub radius: Size,
+    /// Makes it a tube: without creases between its elements.
+    pub inner_radius: Option<Size>,
     /// Length along z.
     pub height: Size,
     /// Edge of a hex, about.
@@ -86,9 +88,9 @@ pub struct SphereScaffold {
 pub struct FillScaffold {
     /// The closed mesh.
     pub mesh: FileRef,
-    /// Edge of a hex.
+    /// Edge of a hex or tet.
     pub cell_size: Size,
-    /// "hex": a grid of cubes, which the mesh cuts.
+    /// "hex": a grid of cubes, which the mesh cuts; "tet": tets that fit the mesh.
     #[serde(default)]
     pub kind: FillKind,
 }
@@ -100,6 +102,8 @@ pub enum FillKind {
     /// A grid of cubes, which the mesh cuts.
     #[default]
     Hex,
+    /// Tets of a body-centred lattice, those at the surface fitted to it.
+    Tet,
 }
 
 /// `shell`: a surface's thickness.

@@ -50,9 +50,7 @@ pub(super) fn index(family: Family, n: usize, [i, j, k]: [usize; 3]) -> usize {
             let m = n - k;
             layer(n) - layer(m) + j * (m + 1) - j * j.saturating_sub(1) / 2 + i
         }
-        Family::Prism => {
-            k * (n + 1) * (n + 2) / 2 + j * (n + 1) - j * j.saturating_sub(1) / 2 + i
-        }
+        Family::Prism => k * (n + 1) * (n + 2) / 2 + j * (n + 1) - j * j.saturating_sub(1) / 2 + i,
     }
 }
 
@@ -194,9 +192,7 @@ impl<T: Coefficient> Net<T> {
     pub fn split(&self, way: usize) -> [Self; 2] {
         match self.family {
             Family::Tensor => self.split_axis((self.degree + 1).pow(way as u32)),
-            Family::Prism if way == 3 => {
-                self.split_axis((self.degree + 1) * (self.degree + 2) / 2)
-            }
+            Family::Prism if way == 3 => self.split_axis((self.degree + 1) * (self.degree + 2) / 2),
             Family::Prism => {
                 let [a, b] = SIMPLEX_EDGES[way];
                 [self.with_midpoint(b, a), self.with_midpoint(a, b)]

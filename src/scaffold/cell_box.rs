@@ -8,8 +8,8 @@
 //! whose control points miss the box are dropped.
 
 use super::bernstein::{Net, Part};
-use super::kind::Kind;
 use super::element::ElementMap;
+use super::kind::Kind;
 use super::map::{Affine, Curved, Map, PAIRS, bend};
 use crate::frame::{Aabb, CellBox, CellPoint, Element, Mat3, Vec3};
 use std::sync::OnceLock;
@@ -166,11 +166,10 @@ fn local(kind: Kind, net: &Net<Vec3>, part: &Part, whole: &[Vec3; 6]) -> (CellBo
         // Of degree 2, so the second derivatives are the same everywhere; a prism's nearly so.
         Part::Simplex(v) => (CellBox::of(v.map(|r| kind.from_parameters(r))), *whole),
         Part::Prism(v, [low, high]) => {
-            let ends = v.iter().flat_map(|r| [*low, *high].map(|z| Vec3::new(r.x, r.y, z)));
-            (
-                CellBox::of(ends.map(|r| kind.from_parameters(r))),
-                *whole,
-            )
+            let ends = v
+                .iter()
+                .flat_map(|r| [*low, *high].map(|z| Vec3::new(r.x, r.y, z)));
+            (CellBox::of(ends.map(|r| kind.from_parameters(r))), *whole)
         }
         Part::Tensor(min, max) => {
             let size = max - min;

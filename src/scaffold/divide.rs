@@ -65,12 +65,17 @@ impl Pattern {
             (Self::Halve, Element::Hex) => Some(bricks(kind, 2)),
             (Self::Halve, Element::Tet) => Some(eighths(kind)),
             (Self::Halve, Element::Wedge) => Some(half_wedges(kind)),
-            (Self::Midpoint, Element::Hex) => Some(bricks(all_hex(kind), 2).into_iter().map(|mut p| {
-                for c in p.corners.iter_mut().flatten() {
-                    *c *= 6;
-                }
-                p
-            }).collect()),
+            (Self::Midpoint, Element::Hex) => Some(
+                bricks(all_hex(kind), 2)
+                    .into_iter()
+                    .map(|mut p| {
+                        for c in p.corners.iter_mut().flatten() {
+                            *c *= 6;
+                        }
+                        p
+                    })
+                    .collect(),
+            ),
             (Self::Midpoint, Element::Tet | Element::Wedge) => Some(corner_hexes(kind)),
             _ => None,
         }
@@ -215,12 +220,7 @@ fn corner_shares(family: Family, [x, y, z]: [i64; 3], n: i64) -> Vec<i64> {
             .flat_map(|h| triangle.map(|t| t * h * n))
             .collect(),
         Family::Tensor => {
-            let square = [
-                (n - x) * (n - y),
-                x * (n - y),
-                x * y,
-                (n - x) * y,
-            ];
+            let square = [(n - x) * (n - y), x * (n - y), x * y, (n - x) * y];
             [n - z, z]
                 .into_iter()
                 .flat_map(|h| square.map(|s| s * h))
@@ -248,7 +248,10 @@ fn bricks(kind: Kind, k: i64) -> Vec<Part> {
             for x in 0..k {
                 all.push(Part {
                     kind,
-                    corners: CUBE.iter().map(|c| [c[0] + x, c[1] + y, c[2] + z]).collect(),
+                    corners: CUBE
+                        .iter()
+                        .map(|c| [c[0] + x, c[1] + y, c[2] + z])
+                        .collect(),
                 });
             }
         }
@@ -262,7 +265,11 @@ fn eighths(kind: Kind) -> Vec<Part> {
     let v = [[0, 0, 0], [2, 0, 0], [0, 2, 0], [0, 0, 2]];
     let mid = |a: usize, b: usize| -> [i64; 3] { [0, 1, 2].map(|i| (v[a][i] + v[b][i]) / 2) };
     let mut all: Vec<Vec<[i64; 3]>> = (0..4)
-        .map(|i| (0..4).map(|j| if i == j { v[i] } else { mid(i, j) }).collect())
+        .map(|i| {
+            (0..4)
+                .map(|j| if i == j { v[i] } else { mid(i, j) })
+                .collect()
+        })
         .collect();
     let (a, b) = (mid(0, 1), mid(2, 3));
     let ring = [mid(0, 2), mid(1, 2), mid(1, 3), mid(0, 3)];

@@ -144,9 +144,7 @@ impl<'a> ElementMap<'a> {
         match &self.geometry.map {
             Map::Affine(a) => self.affine(a, x),
             Map::Curved(c) => c.newton(x.0, start).or_else(|_| self.inverse(x)),
-            Map::Twisted(t) => t
-                .inverse(x.0, Some(start))
-                .or_else(|_| self.inverse(x)),
+            Map::Twisted(t) => t.inverse(x.0, Some(start)).or_else(|_| self.inverse(x)),
         }
     }
 

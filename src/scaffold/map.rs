@@ -238,10 +238,10 @@ impl Curved {
 /// Newton steps from `start`, halved while the residual grows; gives the residual where
 /// they do not arrive.
 pub(super) fn newton(
-map: impl Fn(CellPoint<3>) -> (Vec3, Mat3),
-x: Vec3,
-start: CellPoint<3>,
-origin: Vec3,
+    map: impl Fn(CellPoint<3>) -> (Vec3, Mat3),
+    x: Vec3,
+    start: CellPoint<3>,
+    origin: Vec3,
 ) -> Result<CellPoint<3>, f64> {
     let mut xi = start;
     let (f, mut j) = map(xi);

@@ -4,8 +4,8 @@
 //! they are mixed.
 
 use super::bernstein::{Net, Part};
-use super::kind::{Family, Kind};
 use super::element::ElementMap;
+use super::kind::{Family, Kind};
 use super::map::{Curved, Map};
 use crate::frame::{CellPoint, Vec3};
 

@@ -70,13 +70,7 @@ pub(super) fn shape_gradients(xi: CellPoint<3>) -> [Vec3; 5] {
 /// The affine part of the map.
 pub(super) fn affine(nodes: [Vec3; 5]) -> Affine {
     let base: Vec3 = nodes[..4].iter().sum::<Vec3>() / 4.0;
-    let along = |axis: usize| -> Vec3 {
-        nodes
-            .iter()
-            .zip(CORNERS)
-            .map(|(n, s)| n * s[axis])
-            .sum()
-    };
+    let along = |axis: usize| -> Vec3 { nodes.iter().zip(CORNERS).map(|(n, s)| n * s[axis]).sum() };
     let jacobian = Mat3::from_columns(&[along(0), along(1), (nodes[4] - base) * SQRT_2]);
     Affine::new(base, jacobian)
 }
@@ -142,13 +136,21 @@ impl Twisted {
         } else if d[high] < -tiny {
             Orientation::Negative
         } else if d[low] < -tiny && d[high] > tiny {
-            let wrong = if self.mean_determinant() >= 0.0 { low } else { high };
+            let wrong = if self.mean_determinant() >= 0.0 {
+                low
+            } else {
+                high
+            };
             Orientation::Folded {
                 determinant: d[wrong],
                 at: at(wrong),
             }
         } else {
-            let nearest = if d[low].abs() < d[high].abs() { low } else { high };
+            let nearest = if d[low].abs() < d[high].abs() {
+                low
+            } else {
+                high
+            };
             Orientation::Degenerate {
                 determinant: d[nearest],
                 at: at(nearest),
@@ -174,7 +176,9 @@ impl Twisted {
         let d = self.determinants();
         let (low, high) = d
             .iter()
-            .fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), &d| (a.min(d), b.max(d)));
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), &d| {
+                (a.min(d), b.max(d))
+            });
         let by_volume = low.max(-high) / greatest.powi(2);
         (least.max(by_volume).max(0.0), greatest)
     }
@@ -184,7 +188,8 @@ impl Twisted {
         let centroid = Element::Pyramid.centroid();
         let start = start.unwrap_or_else(|| {
             let xi = self.affine.inverse * (x - self.affine.origin);
-            if xi.iter().all(|c| c.is_finite()) && Element::Pyramid.face_distance(CellPoint(xi)) < 0.2
+            if xi.iter().all(|c| c.is_finite())
+                && Element::Pyramid.face_distance(CellPoint(xi)) < 0.2
             {
                 CellPoint(xi)
             } else {

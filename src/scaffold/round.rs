@@ -1,4 +1,4 @@
-//! Cylinders and balls of curved hexes, made without a mesher.
+//! Cylinders, tubes and balls of curved hexes, made without a mesher.
 //!
 //! Around a core, a square or cube bulged towards the circle, lie blocks that reach to the rim
 //! ("O-grid"). Elements are Hex27 with their nodes on the shape itself: the rim is met to the third
@@ -107,7 +107,10 @@ impl Scaffold {
     /// [`ScaffoldError::BadRound`], [`ScaffoldError::TooMany`].
     pub fn cylinder(radius: f64, height: f64, cell: f64) -> Result<Self, ScaffoldError> {
         if !(height.is_finite() && height > 0.0) {
-            return Err(ScaffoldError::BadRound { radius: height, cell });
+            return Err(ScaffoldError::BadRound {
+                radius: height,
+                cell,
+            });
         }
         let floors = (height / cell).round().max(1.0);
         let (n, layers) = counts(radius, cell, 2, floors)?;
@@ -147,8 +150,66 @@ impl Scaffold {
     }
 }
 
+impl Scaffold {
+    /// A tube around the z axis from z = 0 to `height`, of hexes of about `cell` along their edges. Its
+    /// map is continuously differentiable across all faces: arcs are Bezier curves with the circle's
+    /// tangents at their ends, so that cells normal to their faces make a surface without creases.
+    ///
+    /// # Errors
+    /// [`ScaffoldError::BadRound`], [`ScaffoldError::TooMany`].
+    pub fn tube(inner: f64, outer: f64, height: f64, cell: f64) -> Result<Self, ScaffoldError> {
+        for length in [inner, outer - inner, height, cell] {
+            if !(length.is_finite() && length > 0.0) {
+                return Err(ScaffoldError::BadRound {
+                    radius: length,
+                    cell,
+                });
+            }
+        }
+        let count = |length: f64, least: f64| (length / cell).round().max(least);
+        let around = count(std::f64::consts::PI * (inner + outer), 4.0);
+        let (across, floors) = (count(outer - inner, 1.0), count(height, 1.0));
+        let found = around * across * floors;
+        if found > MOST {
+            return Err(ScaffoldError::TooMany {
+                found: found.min(1e18) as usize,
+                what: "elements",
+            });
+        }
+        let (n, across, floors) = (around as i64, across as i64, floors as i64);
+        let turn = std::f64::consts::PI / around;
+        // Where the tangents at an arc's ends meet, halfway to the chord.
+        let middle = f64::midpoint(turn.cos(), turn.cos().recip());
+        let mut builder = Builder {
+            place: |(i, _): Name| {
+                let along = i[0] as f64 * turn;
+                let radius = inner + (outer - inner) * (i[1] as f64 / (2 * across) as f64);
+                let radius = radius * if i[0] % 2 == 0 { 1.0 } else { middle };
+                let z = height * (i[2] as f64 / (2 * floors) as f64);
+                Vec3::new(radius * along.cos(), radius * along.sin(), z)
+            },
+            names: HashMap::new(),
+            nodes: Vec::new(),
+            elements: Connectivity::default(),
+        };
+        for z in 0..floors {
+            for y in 0..across {
+                for x in 0..n {
+                    builder.hex(|p| ([(2 * x + p[0]) % (2 * n), 2 * y + p[1], 2 * z + p[2]], 0));
+                }
+            }
+        }
+        Self::new(builder.nodes, builder.elements)
+    }
+}
+
 /// Cells along the core's edge and layers around it.
-fn counts(radius: f64, cell: f64, dimension: i32, floors: f64) -> Result<(i64, i64), ScaffoldError> {
+fn counts(
+    radius: f64,
+    cell: f64,
+    dimension: i32,
+    floors: f64,
+) -> Result<(i64, i64), ScaffoldError> {
     let usable = |l: f64| l.is_finite() && l > 0.0;
     if !usable(radius) || !usable(cell) {
         return Err(ScaffoldError::BadRound { radius, cell });

@@ -183,7 +183,9 @@ impl<'a, C: CellField> Blend<'a, C> {
     pub fn uniform(&self, shape: Element, weights: &[f64], xi: CellPoint<3>) -> f64 {
         let sum: f64 = (0..self.members.len())
             .filter(|&m| weights[m] > 0.0)
-            .filter_map(|m| Some(weights[m] * self.scales[m] * self.members[m].of(shape)?.value(xi)))
+            .filter_map(|m| {
+                Some(weights[m] * self.scales[m] * self.members[m].of(shape)?.value(xi))
+            })
             .sum();
         sum - self.level(weights).0
     }
@@ -193,7 +195,11 @@ impl<'a, C: CellField> Blend<'a, C> {
         let (corners, nodes) = self.corners(element, xi);
         let count = self.members.len();
         (0..count)
-            .map(|m| corners.of(|v| self.weights[nodes[v] as usize * count + m]).0)
+            .map(|m| {
+                corners
+                    .of(|v| self.weights[nodes[v] as usize * count + m])
+                    .0
+            })
             .collect()
     }
 
@@ -283,12 +289,17 @@ impl<C: CellField> Filling for Blend<'_, C> {
         for number in 0..scaffold.len() {
             let shape = scaffold.element(number).shape();
             if shape == Element::Pyramid && self.interpolation == Interpolation::Smoothstep {
-                return Err(TilingError::Smoothstep { number: scaffold.number(number) });
+                return Err(TilingError::Smoothstep {
+                    number: scaffold.number(number),
+                });
             }
             for member in &self.members {
                 if member.of(shape).is_none() {
                     return Err(TilingError::Shape {
-                        cell: member.cells.first().map_or("nothing", |c| c.element().name()),
+                        cell: member
+                            .cells
+                            .first()
+                            .map_or("nothing", |c| c.element().name()),
                         number,
                         found: shape.name(),
                     });
@@ -479,7 +490,11 @@ fn pair(a: &[f64], b: &[f64]) -> Pair {
             continue;
         }
         let w = i as f64 / STEPS as f64;
-        let mut mixed: Vec<f64> = a.iter().zip(b).map(|(a, b)| a * (1.0 - w) + b * w).collect();
+        let mut mixed: Vec<f64> = a
+            .iter()
+            .zip(b)
+            .map(|(a, b)| a * (1.0 - w) + b * w)
+            .collect();
         mixed.sort_unstable_by(f64::total_cmp);
         let wanted = ends[0] * (1.0 - w) + ends[1] * w;
         let rank = (wanted as usize).clamp(1, mixed.len().max(2) - 1);

@@ -1,7 +1,7 @@
 //! What the tiling's values can be in a box: bounds of the cell over the box's image in each element.
 
 use super::near::Near;
-use super::{Filling, Distance, TiledSolid};
+use super::{Distance, Filling, TiledSolid};
 use crate::field::Interval;
 use crate::frame::Aabb;
 

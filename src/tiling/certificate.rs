@@ -224,7 +224,9 @@ fn face<F: Filling>(scaffold: &Scaffold, filling: &F, f: FaceRef, g: FaceRef) ->
             }
             let Some((sides, x, gap)) = both(spot) else {
                 // A point that one element does not have is a tear.
-                found.jumps.push((f64::INFINITY, maps[0].bounds().centre().0, f64::INFINITY));
+                found
+                    .jumps
+                    .push((f64::INFINITY, maps[0].bounds().centre().0, f64::INFINITY));
                 continue;
             };
             let value = sides[0].0;

@@ -58,7 +58,11 @@ fn onto_pyramid(xi: Vec3) -> Vec3 {
     // Above the base the nearest point is on a side; by symmetry on that of the greater coordinate
     // (or on the edges of both). In that side's plane it is in the triangle or on an edge.
     let swapped = xi.y.abs() > xi.x.abs();
-    let x = if swapped { Vec3::new(xi.y, xi.x, xi.z) } else { xi };
+    let x = if swapped {
+        Vec3::new(xi.y, xi.x, xi.z)
+    } else {
+        xi
+    };
     let (sx, sy) = (1f64.copysign(x.x), 1f64.copysign(x.y));
     let x = Vec3::new(x.x.abs(), x.y.abs(), x.z);
     let normal = Vec3::new(2.0, 0.0, 2f64.sqrt()) / 6f64.sqrt();

@@ -63,7 +63,8 @@ impl Corners {
         match shape {
             Element::Tet => {
                 // Face planes n.x = 1/2 opposite the vertices: l = (1/2 - n.x) / 2.
-                let n = [[1., 1., 1.], [-1., -1., 1.], [1., -1., -1.], [-1., 1., -1.]].map(Vec3::from);
+                let n =
+                    [[1., 1., 1.], [-1., -1., 1.], [1., -1., -1.], [-1., 1., -1.]].map(Vec3::from);
                 let l = n.map(|n| (0.5 - n.dot(&xi)) / 2.0);
                 let g = n.map(|n| n * -0.5);
                 let (l, g) = match how {
@@ -167,7 +168,10 @@ mod tests {
                         Corners::at(shape, x, how).of(value).0
                     };
                     let slope = (at(1.0) - at(-1.0)) / (2.0 * h);
-                    assert!((slope - c.of(value).1[axis]).abs() < 1e-8, "{shape:?} {how:?}");
+                    assert!(
+                        (slope - c.of(value).1[axis]).abs() < 1e-8,
+                        "{shape:?} {how:?}"
+                    );
                 }
             }
         }

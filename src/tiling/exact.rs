@@ -119,7 +119,9 @@ impl<F: Filling> TiledSolid<'_, F> {
         let mut converged = false;
         for _ in 0..STEPS {
             let (p, jacobian) = patch.frame(self.scaffold, xi);
-            let (f, g) = self.filling.value_and_gradient(patch.number(), CellPoint(xi));
+            let (f, g) = self
+                .filling
+                .value_and_gradient(patch.number(), CellPoint(xi));
             let slope = domain.basis.tr_mul(&g);
             let step = if domain.dimension == 1 {
                 Vec3::new(-f / slope.x, 0.0, 0.0)

@@ -1,7 +1,7 @@
 //! Which elements matter at a point: its owner, its neighbours, the continuation outside.
 
 use super::patch::{ON_FACE, Patch, Spot};
-use super::{Boundary, CHORD, Filling, Distance, TiledSolid};
+use super::{Boundary, CHORD, Distance, Filling, TiledSolid};
 use crate::field::Interval;
 use crate::frame::{Aabb, Vec3};
 

@@ -74,7 +74,8 @@ pub(super) fn touching_classes(
 ) -> usize {
     let hull = shape.cell_box();
     let size = (hull.max - hull.min) / VOXELS as f64;
-    let place = |i: usize| -> [usize; 3] { [i / (VOXELS * VOXELS), i / VOXELS % VOXELS, i % VOXELS] };
+    let place =
+        |i: usize| -> [usize; 3] { [i / (VOXELS * VOXELS), i / VOXELS % VOXELS, i % VOXELS] };
     let centre = |i: usize| {
         let at = Vec3::from(place(i).map(|c| c as f64 + 0.5));
         hull.min + size.component_mul(&at)

@@ -2,7 +2,7 @@
 
 use super::near::{Local, Owner};
 use super::patch::{Patch, Spot};
-use super::{Filling, Distance, TiledSolid};
+use super::{Distance, Filling, TiledSolid};
 use crate::frame::{CellPoint, Vec3};
 
 /// Newton steps are damped where the slope is below this fraction of its mean.
@@ -51,7 +51,8 @@ impl<F: Filling> TiledSolid<'_, F> {
             let patch = self.patch(local, place);
             let weight = 1.0 - patch.overshoot(x, &spot).max(depth) / delta;
             if weight > 0.0 {
-                sum += weight * self.scale(patch, &spot, x, self.slope(patch.number() as u32, &spot));
+                sum +=
+                    weight * self.scale(patch, &spot, x, self.slope(patch.number() as u32, &spot));
                 weights += weight;
             }
         }

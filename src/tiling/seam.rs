@@ -34,12 +34,7 @@ pub(super) fn shares(corners: usize, [a, b]: [f64; 2]) -> [f64; 4] {
     if corners == 3 {
         [1.0 - a - b, a, b, 0.0]
     } else {
-        [
-            (1.0 - a) * (1.0 - b),
-            a * (1.0 - b),
-            a * b,
-            (1.0 - a) * b,
-        ]
+        [(1.0 - a) * (1.0 - b), a * (1.0 - b), a * b, (1.0 - a) * b]
     }
 }
 

@@ -41,7 +41,11 @@ impl CellField for Scaled {
 }
 
 fn single(element: Element) -> Scaffold {
-    let kind = if element == Element::Tet { Kind::Tet4 } else { Kind::Hex8 };
+    let kind = if element == Element::Tet {
+        Kind::Tet4
+    } else {
+        Kind::Hex8
+    };
     let nodes = element.vertices();
     let mut elements = Connectivity::default();
     elements.push(kind, &(0..nodes.len() as u32).collect::<Vec<_>>());
@@ -52,7 +56,10 @@ fn members<C: CellField>(cells: &[C]) -> Vec<Member<'_, C>> {
     cells
         .iter()
         .enumerate()
-        .map(|(i, c)| Member { name: format!("cell {i}"), cells: vec![c] })
+        .map(|(i, c)| Member {
+            name: format!("cell {i}"),
+            cells: vec![c],
+        })
         .collect()
 }
 
@@ -60,7 +67,15 @@ fn members<C: CellField>(cells: &[C]) -> Vec<Member<'_, C>> {
 fn blends_agree_with_the_reference_numbers() {
     let text = include_str!("../data/transition.json");
     let cases: serde_json::Value = serde_json::from_str(text).unwrap();
-    let find = |id: &str| cases.as_array().unwrap().iter().find(|c| c["id"] == id).unwrap().clone();
+    let find = |id: &str| {
+        cases
+            .as_array()
+            .unwrap()
+            .iter()
+            .find(|c| c["id"] == id)
+            .unwrap()
+            .clone()
+    };
     let number = |v: &serde_json::Value| v.as_f64().unwrap();
     let list = |v: &serde_json::Value| v.as_array().unwrap().iter().map(number).collect::<Vec<_>>();
 
@@ -74,7 +89,10 @@ fn blends_agree_with_the_reference_numbers() {
         .into_iter()
         .flat_map(|w| [1.0 - w, w])
         .collect();
-    for (how, word) in [(Interpolation::Linear, "linear"), (Interpolation::Smoothstep, "smoothstep3")] {
+    for (how, word) in [
+        (Interpolation::Linear, "linear"),
+        (Interpolation::Smoothstep, "smoothstep3"),
+    ] {
         let blend = Blend::new(&s, members(&cells), weights.clone(), how).unwrap();
         for point in case["points"].as_array().unwrap() {
             let r = list(&point["r"]);
@@ -82,7 +100,10 @@ fn blends_agree_with_the_reference_numbers() {
             let w = blend.weights(0, xi)[1];
             assert!((w - number(&point[format!("W_{word}")])).abs() < 1e-9);
             let phi = Filling::value(&blend, 0, xi);
-            assert!((phi - number(&point[format!("Phi_{word}")])).abs() < 1e-8, "{word}");
+            assert!(
+                (phi - number(&point[format!("Phi_{word}")])).abs() < 1e-8,
+                "{word}"
+            );
         }
     }
 
@@ -98,7 +119,10 @@ fn blends_agree_with_the_reference_numbers() {
     for point in case["points"].as_array().unwrap() {
         let l = list(&point["lambda"]);
         let xi = CellPoint((0..4).map(|i| v[i] * l[i]).sum::<Vec3>());
-        for (how, word) in [(Interpolation::Linear, "W_linear"), (Interpolation::Smoothstep, "W_smooth")] {
+        for (how, word) in [
+            (Interpolation::Linear, "W_linear"),
+            (Interpolation::Smoothstep, "W_smooth"),
+        ] {
             let blend = Blend::new(&s, members(&cells), weights.clone(), how).unwrap();
             assert!((blend.weights(0, xi)[1] - number(&point[word])).abs() < 1e-9);
             if how == Interpolation::Linear {
@@ -109,13 +133,26 @@ fn blends_agree_with_the_reference_numbers() {
     }
 
     let case = find("tet-three-cells");
-    let cells = [tet(Surface::SchwarzP), tet(Surface::Iwp), tet(Surface::Diamond)];
-    let weights: Vec<f64> = case["vertex_weights"].as_array().unwrap().iter().flat_map(list).collect();
+    let cells = [
+        tet(Surface::SchwarzP),
+        tet(Surface::Iwp),
+        tet(Surface::Diamond),
+    ];
+    let weights: Vec<f64> = case["vertex_weights"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .flat_map(list)
+        .collect();
     let r = list(&case["r"]);
     let l = [1.0 - r[0] - r[1] - r[2], r[0], r[1], r[2]];
     let xi = CellPoint((0..4).map(|i| v[i] * l[i]).sum::<Vec3>());
     let blend = Blend::new(&s, members(&cells), weights, Interpolation::Linear).unwrap();
-    for (w, expected) in blend.weights(0, xi).into_iter().zip(list(&case["weights_at_r"])) {
+    for (w, expected) in blend
+        .weights(0, xi)
+        .into_iter()
+        .zip(list(&case["weights_at_r"]))
+    {
         assert!((w - expected).abs() < 1e-9);
     }
     assert!((Filling::value(&blend, 0, xi) - number(&case["Phi"])).abs() < 1e-8);
@@ -229,7 +266,10 @@ fn volumes_are_interpolated_along_a_transition() {
         for w in [0.0, 0.125, 0.3, 0.5, 0.77, 1.0] {
             let found = share(element, |p| blend.uniform(element, &[1.0 - w, w], p));
             let expected = 0.2 * (1.0 - w) + 0.5 * w;
-            assert!((found - expected).abs() < 0.015, "{element:?} {w}: {found} {expected}");
+            assert!(
+                (found - expected).abs() < 0.015,
+                "{element:?} {w}: {found} {expected}"
+            );
         }
     }
 }
@@ -240,15 +280,46 @@ fn bad_weights_and_elements_are_named() {
     let cells = [Surface::SchwarzP.cell(Element::Hex).unwrap()];
     let mut weights = vec![1.0; 12];
     weights[7] = -2.0;
-    let e = Blend::new(&s, members(&cells), weights.clone(), Interpolation::Linear).err().unwrap();
-    assert!(matches!(e, TilingError::Weights { sum, .. } if sum == 0.0), "{e}");
-    let e = Blend::new(&s, members(&cells), weights[..5].to_vec(), Interpolation::Linear).err().unwrap();
-    assert!(matches!(e, TilingError::WeightCount { found: 5, expected: 12 }), "{e}");
+    let e = Blend::new(&s, members(&cells), weights.clone(), Interpolation::Linear)
+        .err()
+        .unwrap();
+    assert!(
+        matches!(e, TilingError::Weights { sum, .. } if sum == 0.0),
+        "{e}"
+    );
+    let e = Blend::new(
+        &s,
+        members(&cells),
+        weights[..5].to_vec(),
+        Interpolation::Linear,
+    )
+    .err()
+    .unwrap();
+    assert!(
+        matches!(
+            e,
+            TilingError::WeightCount {
+                found: 5,
+                expected: 12
+            }
+        ),
+        "{e}"
+    );
     let tets = Scaffold::box_grid(Vec3::repeat(1.0), [1, 1, 1], Kind::Tet4).unwrap();
     let weights = vec![1.0; tets.nodes().len()];
     let blend = Blend::new(&tets, members(&cells), weights, Interpolation::Linear).unwrap();
     let e = blend.check(&tets).unwrap_err();
-    assert!(matches!(e, TilingError::Shape { cell: "hex", number: 0, found: "tet" }), "{e}");
+    assert!(
+        matches!(
+            e,
+            TilingError::Shape {
+                cell: "hex",
+                number: 0,
+                found: "tet"
+            }
+        ),
+        "{e}"
+    );
 }
 
 /// A blend of one cell with itself is that cell; its distances are the same.
@@ -258,7 +329,9 @@ fn a_transition_between_equals_changes_nothing() {
     let s = Scaffold::new(nodes, elements).unwrap();
     let p = Surface::SchwarzP.cell(Element::Hex).unwrap();
     let cells = [p.clone(), p.clone()];
-    let weights = (0..2 * s.nodes().len()).map(|i| 0.1 + (i % 3) as f64).collect();
+    let weights = (0..2 * s.nodes().len())
+        .map(|i| 0.1 + (i % 3) as f64)
+        .collect();
     let blend = Blend::new(&s, members(&cells), weights, Interpolation::Smoothstep)
         .unwrap()
         .with_volumes_followed();
@@ -269,8 +342,12 @@ fn a_transition_between_equals_changes_nothing() {
         boundary: Boundary::Cut,
     };
     let [one, two] = [
-        TiledSolid::new(&s, &p, options).map(|t| sampled(&t)).unwrap(),
-        TiledSolid::new(&s, &blend, options).map(|t| sampled(&t)).unwrap(),
+        TiledSolid::new(&s, &p, options)
+            .map(|t| sampled(&t))
+            .unwrap(),
+        TiledSolid::new(&s, &blend, options)
+            .map(|t| sampled(&t))
+            .unwrap(),
     ];
     for (a, b) in one.iter().zip(&two) {
         assert!((a - b).abs() < 1e-3 * options.half_width, "{a} {b}");
@@ -282,7 +359,8 @@ fn sampled<F: Filling>(t: &TiledSolid<F>) -> Vec<f64> {
     let mut noise = Noise::new(1);
     (0..300)
         .map(|_| {
-            let p = noise.vector().component_mul(&Vec3::new(1.0, 0.5, 0.5)) + Vec3::new(1.0, 0.5, 0.5);
+            let p =
+                noise.vector().component_mul(&Vec3::new(1.0, 0.5, 0.5)) + Vec3::new(1.0, 0.5, 0.5);
             t.value(druse::frame::WorldPoint(p))
         })
         .collect()

@@ -87,7 +87,13 @@ proptest! {
 
 #[test]
 fn tables_are_continuous_to_their_precision() {
-    for kind in [Kind::Tet4, Kind::Tet10, Kind::Hex8, Kind::Hex20, Kind::Hex27] {
+    for kind in [
+        Kind::Tet4,
+        Kind::Tet10,
+        Kind::Hex8,
+        Kind::Hex20,
+        Kind::Hex27,
+    ] {
         let s = (0..).find_map(|seed| scaffold(kind, 0.08, seed)).unwrap();
         let cell = random_cell(kind.shape(), None, 5);
         let table = Table::new(&cell).unwrap();
@@ -131,7 +137,11 @@ fn one_displaced_mid_node_is_found_and_named() {
         let mut n = elements.nodes(e).to_vec();
         if e == 3 {
             // A copy of a mid node that neighbours share, off its place.
-            let inner = |n: u32| (0..elements.len()).filter(|&o| elements.nodes(o).contains(&n)).count();
+            let inner = |n: u32| {
+                (0..elements.len())
+                    .filter(|&o| elements.nodes(o).contains(&n))
+                    .count()
+            };
             let place = (8..20).find(|&i| inner(n[i]) > 1).unwrap();
             moved.push(nodes[n[place] as usize] + Vec3::new(0.06, 0.05, -0.04));
             n[place] = moved.len() as u32 - 1;
@@ -166,13 +176,48 @@ fn creases_are_those_of_the_maps() {
     assert!(c.kinds[0].crossings > 0 && c.crease_degrees_max > 10.0);
 }
 
+/// A tube whose map is C1 has a surface without creases; of straight elements it has one at every
+/// face that turns.
+#[test]
+fn surfaces_are_smooth_where_the_map_is() {
+    let tube = Scaffold::tube(2.0, 4.0, 2.0, 1.5).unwrap();
+    assert!(tube.validate().unwrap().warnings().is_empty());
+    let cell = random_cell(Element::Hex, None, 8);
+    let smooth = certify(&tube, &cell);
+    assert!(smooth.value_jump_max < 1e-9);
+    assert!(smooth.kinds[0].crossings > 100);
+    assert!(
+        smooth.crease_degrees_max < 1e-5,
+        "{}",
+        smooth.crease_degrees_max
+    );
+    let mut straight = Connectivity::default();
+    for e in tube.elements() {
+        straight.push(Kind::Hex8, &e.nodes()[..8]);
+    }
+    let straight = Scaffold::new(tube.nodes().to_vec(), straight).unwrap();
+    let creased = certify(&straight, &cell);
+    assert!(creased.value_jump_max < 1e-9);
+    assert!(
+        creased.crease_degrees_p99 > 10.0,
+        "{}",
+        creased.crease_degrees_p99
+    );
+    assert!(Scaffold::tube(2.0, 1.0, 1.0, 1.0).is_err());
+}
+
 /// Gradients on both sides of a face between two tets: the right angle to the face holds along the
 /// image of the reference normal, and the normal slopes differ.
 #[test]
 fn gradients_beside_a_face_are_the_reference_numbers() {
     let text = include_str!("../data/transition.json");
     let cases: serde_json::Value = serde_json::from_str(text).unwrap();
-    let case = cases.as_array().unwrap().iter().find(|c| c["id"] == "crease").unwrap();
+    let case = cases
+        .as_array()
+        .unwrap()
+        .iter()
+        .find(|c| c["id"] == "crease")
+        .unwrap();
     let terms: Vec<([i32; 3], [f64; 2])> = case["coefficients"]
         .as_array()
         .unwrap()
@@ -199,7 +244,12 @@ fn gradients_beside_a_face_are_the_reference_numbers() {
     let vector = |v: &serde_json::Value| Vec3::from([0, 1, 2].map(|i| v[i].as_f64().unwrap()));
     let x = vector(&case["x"]);
     for side in case["sides"].as_array().unwrap() {
-        let nodes: Vec<Vec3> = side["nodes"].as_array().unwrap().iter().map(vector).collect();
+        let nodes: Vec<Vec3> = side["nodes"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .map(vector)
+            .collect();
         let mut elements = Connectivity::default();
         elements.push(Kind::Tet4, &[0, 1, 2, 3]);
         let s = Scaffold::new(nodes, elements).unwrap();

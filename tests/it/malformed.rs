@@ -204,6 +204,13 @@ fn level_set(path: &Path) -> Result<(), Refusal> {
     Ok(())
 }
 
+/// A hex and a wedge with sets, as Abaqus writes them.
+const DECK: &str = "*NODE\n1,0,0,0\n2,1,0,0\n3,1,1,0\n4,0,1,0\n5,0,0,1\n6,1,0,1\n7,1,1,1\n8,0,1,1\n\
+9,.5,0,2\n10,.5,1,2\n*ELEMENT,TYPE=C3D8,ELSET=LOW\n1,1,2,3,4,5,6,7,8\n\
+*ELEMENT,TYPE=C3D6\n2,5,6,9,8,7,10\n*ELSET,ELSET=ALL,GENERATE\n1,2,1\n*ELSET,ELSET=BOTH\nLOW,2\n";
+/// A square and a triangle.
+const OFF: &str = "OFF\n5 2 0\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n2 0 0\n4 0 1 2 3\n3 1 4 2\n";
+
 /// Files of the scaffolds' test data.
 fn stored(names: &[&str]) -> Vec<Vec<u8>> {
     let directory = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/scaffold");
@@ -340,6 +347,8 @@ fn formats() -> Vec<Format> {
             stored(&["hex8_text.vtu", "hex8_zlib.vtu", "hex8_base64.vtu"]),
             scaffold,
         ),
+        row("inp", "inp", vec![DECK.as_bytes().to_vec()], scaffold),
+        row("off", "off", vec![OFF.as_bytes().to_vec()], scaffold),
         row("cell", "cell", cells(), cell),
         row("npy", "npy", arrays(), array),
         row("graph toml", "toml", vec![GRAPH_TOML.to_vec()], graph),

@@ -1,5 +1,7 @@
 //! Whole runs against closed forms and laws.
 
+mod scaffolds;
+
 use druse::mesh;
 use druse::pipeline::{Report, RunError, RunOptions, plan, run};
 use druse::progress::Silent;

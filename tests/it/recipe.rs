@@ -272,7 +272,7 @@ fn overrides_replace_add_and_are_validated() {
     .unwrap();
     let s = recipe.sections();
     assert_eq!(s.op[3], Op::Dilate(Size(Length::Bare(0.2))));
-    assert_eq!(s.tiling.as_ref().unwrap().cell, "plate");
+    assert_eq!(s.tiling.as_ref().unwrap().cells(), ["plate"]);
     assert_eq!(recipe.unit(), LengthUnit::Centimetre);
     assert_eq!(s.output.len(), 3);
     assert!(

@@ -10,9 +10,7 @@ mod readers;
 use crate::strategy::{Noise, cell_point, element_nodes, mesh, renumberings};
 use druse::frame::{Aabb, CellPoint, Element, Mat3, Vec3, WorldPoint};
 use druse::mesh::TriMesh;
-use druse::scaffold::{
-    Connectivity, ElementMap, Kind, Neighbour, Orientation, Scaffold, Surface,
-};
+use druse::scaffold::{Connectivity, ElementMap, Kind, Neighbour, Orientation, Scaffold, Surface};
 use proptest::prelude::*;
 use std::collections::BTreeMap;
 
@@ -138,7 +136,11 @@ fn thickened_planar_maps_agree_with_the_reference_numbers() {
         let surface = Surface::new(nodes, elements).unwrap();
         let plate = surface.plate(height).unwrap();
         let e = plate.element(0);
-        let scale = if kind.corner_count() == 3 { 3f64.sqrt() / 2.0 } else { 1.0 };
+        let scale = if kind.corner_count() == 3 {
+            3f64.sqrt() / 2.0
+        } else {
+            1.0
+        };
         let places = planar(&case["x"]).into_iter().zip(planar(&case["xi"]));
         for (i, (x, xi)) in places.enumerate() {
             for z in [-0.5, 0.2] {

@@ -251,7 +251,9 @@ impl File {
                     return Err(self.bad(&table, "LOOKUP_TABLE"));
                 }
             }
-            let total = belonging(collector, at).saturating_mul(components).to_string();
+            let total = belonging(collector, at)
+                .saturating_mul(components)
+                .to_string();
             let total = self.count(&total, number.size() as u64, "numbers")?;
             let values = self.reals(number, total)?;
             collector.field(name, at, components, values);

@@ -264,7 +264,9 @@ impl<'a> Document<'a> {
         if let Some(at) = at {
             let values = self.decode(array, |w| w.parse().ok(), Scalar::real)?;
             let components = usize::try_from(array.components.max(1)).unwrap_or(usize::MAX);
-            piece.fields.push((array.name.clone(), at, components, values));
+            piece
+                .fields
+                .push((array.name.clone(), at, components, values));
             return Ok(());
         }
         let target = match array.name.as_str() {

@@ -117,9 +117,7 @@ pub(super) const WEDGE18_LATTICE: [[u8; 3]; 18] = [
     [1, 1, 1],
     [0, 1, 1],
 ];
-const WEDGE18_GMSH: [u8; 18] = [
-    0, 1, 2, 3, 4, 5, 6, 9, 7, 12, 14, 13, 8, 10, 11, 15, 17, 16,
-];
+const WEDGE18_GMSH: [u8; 18] = [0, 1, 2, 3, 4, 5, 6, 9, 7, 12, 14, 13, 8, 10, 11, 15, 17, 16];
 /// Sides of planar kinds are their edges.
 const TRI_EDGES: [[u8; 2]; 3] = [[0, 1], [1, 2], [2, 0]];
 const QUAD_EDGES: [[u8; 2]; 4] = [[0, 1], [1, 2], [2, 3], [3, 0]];

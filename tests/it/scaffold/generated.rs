@@ -1,7 +1,7 @@
 //! Scaffolds made or cut up here.
 
 use crate::strategy::{Noise, cell_point, mesh};
-use druse::frame::{Element, Vec3, WorldPoint};
+use druse::frame::{Aabb, Element, Vec3, WorldPoint};
 use druse::scaffold::{Connectivity, Divided, Kind, Scaffold, ScaffoldError, Surface};
 use proptest::prelude::*;
 use std::f64::consts::PI;
@@ -91,9 +91,17 @@ fn mixed_meshes_become_hexes_that_fit() {
     // A hex, a wedge on it and a tet on the wedge.
     let v = |x, y, z| Vec3::new(x, y, z);
     let nodes = vec![
-        v(0., 0., 0.), v(1., 0., 0.), v(1., 1., 0.), v(0., 1., 0.),
-        v(0., 0., 1.), v(1., 0., 1.), v(1., 1., 1.), v(0., 1., 1.),
-        v(0.5, 0., 2.), v(0.5, 1., 2.), v(0.5, 2., 1.5),
+        v(0., 0., 0.),
+        v(1., 0., 0.),
+        v(1., 1., 0.),
+        v(0., 1., 0.),
+        v(0., 0., 1.),
+        v(1., 0., 1.),
+        v(1., 1., 1.),
+        v(0., 1., 1.),
+        v(0.5, 0., 2.),
+        v(0.5, 1., 2.),
+        v(0.5, 2., 1.5),
     ];
     let mut elements = Connectivity::default();
     elements.push(Kind::Hex8, &[0, 1, 2, 3, 4, 5, 6, 7]);
@@ -117,6 +125,60 @@ fn pyramids_are_refused_with_advice() {
     assert!(pyramids.repeated(0).is_err());
 }
 
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(12))]
+
+    /// Balls with bumps and blocks with corners, of random size and place against the lattice.
+    #[test]
+    fn stuffed_solids_have_their_angles_and_volume(seed: u64, cell in 0.35..0.8f64) {
+        let mut noise = Noise::new(seed);
+        let centre = noise.vector();
+        let (k, l) = (noise.vector() * 2.0, noise.vector() * 2.0);
+        let bumpy = |p: Vec3| (p - centre).norm() - 2.0 + 0.15 * (k.dot(&p).sin() + l.dot(&p).cos());
+        let block = |p: Vec3| {
+            let q = (p - centre).abs() - Vec3::new(2.0, 1.5, 1.1);
+            q.map(|c| c.max(0.0)).norm() + q.amax().min(0.0).min(q.max())
+        };
+        let around = Aabb { min: centre.add_scalar(-2.6), max: centre.add_scalar(2.6) };
+        for s in [
+            Scaffold::stuffed(around, cell, bumpy).unwrap(),
+            Scaffold::stuffed(around, cell, block).unwrap(),
+        ] {
+            let [least, greatest] = s.dihedral_range().unwrap();
+            prop_assert!(least > 10.7 && greatest < 164.8, "{least} {greatest}");
+            prop_assert!(is_sound(&s));
+            let report = s.report();
+            prop_assert_eq!(report.mirrored.len(), 0);
+        }
+        let ball = |p: Vec3| (p - centre).norm() - 2.0;
+        let s = Scaffold::stuffed(around, cell, ball).unwrap();
+        let exact = 4.0 / 3.0 * PI * 8.0;
+        // Inscribed: short by about cell^2 / 8 R of the radius.
+        prop_assert!((volume(&s) / exact - 1.0).abs() < 0.25 * cell * cell);
+        // Outer nodes lie on the surface.
+        for f in s.outer_faces() {
+            let e = s.element(f.element as usize);
+            for &c in e.kind().faces()[f.face as usize].corners {
+                prop_assert!(ball(s.nodes()[e.nodes()[c as usize] as usize]).abs() < 1e-3 * cell);
+            }
+        }
+    }
+}
+
+#[test]
+fn nothing_is_stuffed_with_nothing() {
+    let around = Aabb {
+        min: Vec3::zeros(),
+        max: Vec3::repeat(1.0),
+    };
+    let e = Scaffold::stuffed(around, 0.2, |_| 1.0).unwrap_err();
+    assert_eq!(e, ScaffoldError::Empty);
+    let e = Scaffold::stuffed(around, 0.0, |_| -1.0).unwrap_err();
+    assert!(matches!(e, ScaffoldError::BadRound { .. }));
+    let e = Scaffold::stuffed(around, 1e-9, |_| -1.0).unwrap_err();
+    assert!(matches!(e, ScaffoldError::TooMany { .. }));
+}
+
 /// A cylinder's surface of quads, its nodes wound at random.
 fn tube(kind: Kind, seed: u64) -> Surface {
     let (around, along) = (16, 4);
@@ -132,7 +194,12 @@ fn tube(kind: Kind, seed: u64) -> Surface {
     let mut elements = Connectivity::default();
     for j in 0..along {
         for i in 0..around {
-            let mut q = [node(i, j), node(i + 1, j), node(i + 1, j + 1), node(i, j + 1)];
+            let mut q = [
+                node(i, j),
+                node(i + 1, j),
+                node(i + 1, j + 1),
+                node(i, j + 1),
+            ];
             q.rotate_left(noise.below(4));
             if noise.below(2) == 0 {
                 q.reverse();
@@ -177,7 +244,10 @@ fn points_of_a_plate_are_found() {
     let mut elements = Connectivity::default();
     elements.push(Kind::Quad4, &[0, 1, 2, 3]);
     let nodes = [[0., 0.], [2., 0.], [2., 1.], [0., 1.]].map(|[x, y]| Vec3::new(x, y, 5.0));
-    let plate = Surface::new(nodes.to_vec(), elements).unwrap().plate(3.0).unwrap();
+    let plate = Surface::new(nodes.to_vec(), elements)
+        .unwrap()
+        .plate(3.0)
+        .unwrap();
     let (_, xi) = plate.locate(WorldPoint(Vec3::new(1.5, 0.25, 6.5))).unwrap();
     assert!((xi.0 - Vec3::new(0.25, -0.25, 0.5)).norm() < 1e-12);
 }

@@ -27,7 +27,10 @@ fn decks_have_their_elements_and_sets() {
     let s = &file.scaffold;
     assert_eq!(s.len(), 2);
     assert_eq!([s.number(0), s.number(1)], [10, 20]);
-    assert_eq!([0, 1].map(|e| s.element(e).kind()), [Kind::Hex8, Kind::Wedge6]);
+    assert_eq!(
+        [0, 1].map(|e| s.element(e).kind()),
+        [Kind::Hex8, Kind::Wedge6]
+    );
     assert!((s.element(0).volume() - 1.0).abs() < 1e-12);
     assert!((s.element(1).volume().abs() - 0.5).abs() < 1e-12);
     assert_eq!(s.neighbours(0).collect::<Vec<_>>(), [1]);
@@ -71,8 +74,10 @@ fn damaged_decks_are_refused_with_their_place() {
 
 #[test]
 fn surfaces_keep_their_quads_and_groups() {
-    let obj = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 2 0 0\ng left\nf 1/1 2/2 3 4\ng right\nf 2 -1 3\n";
-    let off = "OFF\n# two faces\n5 2 0\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n2 0 0\n4 0 1 2 3\n3 1 4 2 255 0 0\n";
+    let obj =
+        "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 2 0 0\ng left\nf 1/1 2/2 3 4\ng right\nf 2 -1 3\n";
+    let off =
+        "OFF\n# two faces\n5 2 0\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n2 0 0\n4 0 1 2 3\n3 1 4 2 255 0 0\n";
     for (name, text) in [("a.obj", obj), ("a.off", off)] {
         let ElementFile::Surface(file) = read(name, text).unwrap() else {
             panic!("a surface");

@@ -1,0 +1,287 @@
+//! Recipes with scaffolds of every kind and with several cells.
+
+use super::recipe;
+use druse::pipeline::{Probe, Report, RunError, RunOptions, run};
+use druse::progress::Silent;
+use std::f64::consts::PI;
+
+fn report(text: &str) -> Report {
+    run(&recipe(text), &RunOptions::default(), &Silent).unwrap()
+}
+
+fn error(text: &str) -> String {
+    let options = RunOptions::default();
+    run(&recipe(text), &options, &Silent)
+        .err()
+        .map_or_else(String::new, |e: RunError| e.to_string())
+}
+
+/// A recipe of a scaffold and a tiling, with two cells of known volume.
+fn with(scaffold: &str, tiling: &str, voxel: f64) -> String {
+    format!(
+        "druse = 1\n[cell.thin]\nsurface = \"schwarz_p\"\nvolume_fraction = 0.2\n\
+         [cell.thick]\nsurface = \"schwarz_p\"\nvolume_fraction = 0.5\n\
+         [scaffold]\n{scaffold}\n[tiling]\n{tiling}\n[band]\nvoxel_size = {voxel}\n"
+    )
+}
+
+const BLOCK: &str = "box = { size = [6, 2, 2], cell_size = 1 }";
+
+#[test]
+fn volumes_follow_a_transition() {
+    let tiling = "transition = [{ cell = \"thin\", weight = \"1 - bx\" }, { cell = \"thick\", weight = \"bx\" }]\ncertificate = true";
+    let found = report(&with(BLOCK, tiling, 0.06));
+    let share = found.solid.volume_fraction.unwrap();
+    assert!((share - 0.35).abs() < 0.01, "{share}");
+    assert_eq!(found.solid.components, 1);
+    let continuity = found.continuity.unwrap();
+    assert!(continuity.value_jump_max < 1e-5);
+    assert_eq!(continuity.faces[0].kind, "quad");
+    assert!(continuity.faces[0].crossings > 100);
+    assert_eq!(found.cells.len(), 2);
+}
+
+#[test]
+fn assigned_cells_fill_their_elements_and_pass_between() {
+    let tiling = "assign = [{ cell = \"thin\" }, { cell = \"thick\", where = \"x - 3\" }]";
+    let found = report(&with(BLOCK, tiling, 0.08));
+    let share = found.solid.volume_fraction.unwrap();
+    assert!((share - 0.35).abs() < 0.015, "{share}");
+    let text = error(&with(
+        BLOCK,
+        "assign = [{ cell = \"thin\", where = \"x - 3\" }]",
+        0.2,
+    ));
+    assert!(text.contains("has no cell"), "{text}");
+    let text = error(&with(
+        BLOCK,
+        "assign = [{ cell = \"thin\", group = \"left\" }]",
+        0.2,
+    ));
+    assert!(text.contains("no group \"left\""), "{text}");
+}
+
+#[test]
+fn graded_volumes_are_those_asked_for() {
+    let found = report(&with(
+        BLOCK,
+        "cell = \"thin\"\nvolume_fraction = \"0.2 + 0.3 * bx\"",
+        0.06,
+    ));
+    let share = found.solid.volume_fraction.unwrap();
+    assert!((share - 0.35).abs() < 0.01, "{share}");
+    // A constant grading is the cell with that fraction.
+    let found = report(&with(
+        BLOCK,
+        "cell = \"thick\"\nvolume_fraction = 0.3",
+        0.08,
+    ));
+    let share = found.solid.volume_fraction.unwrap();
+    assert!((share - 0.3).abs() < 0.01, "{share}");
+}
+
+/// A sheet of constant thickness has it whatever the size of the elements.
+#[test]
+fn graded_thickness_is_in_the_recipes_unit() {
+    for cell in [1.0, 2.0] {
+        let text = format!(
+            "druse = 1\n[cell.a]\nsurface = \"schwarz_p\"\nsolid = \"sheet\"\nthickness = 0.1\n\
+             [scaffold]\nbox = {{ size = [4, 2, 2], cell_size = {cell} }}\n\
+             [tiling]\ncell = \"a\"\nthickness = 0.24\n[band]\nvoxel_size = 0.04\n"
+        );
+        let wall = report(&text).solid.least_wall.unwrap();
+        assert!((wall / 0.24 - 1.0).abs() < 0.15, "{cell}: {wall}");
+    }
+}
+
+#[test]
+fn bad_weights_are_named() {
+    let tiling = |weight: &str| {
+        format!(
+            "transition = [{{ cell = \"thin\", weight = {weight} }}, {{ cell = \"thick\", weight = 0 }}]"
+        )
+    };
+    let text = error(&with(BLOCK, &tiling("\"1 - bq\""), 0.2));
+    assert!(
+        text.contains("tiling.transition.0.weight") && text.contains("bq"),
+        "{text}"
+    );
+    let text = error(&with(BLOCK, &tiling("\"x - 3\""), 0.2));
+    assert!(text.contains("sum to 0"), "{text}");
+    let text = error(&with(BLOCK, &tiling("\"1 / x\""), 0.2));
+    assert!(text.contains("inf"), "{text}");
+    let text = error(&with(BLOCK, &tiling("\"d\""), 0.2));
+    assert!(text.contains("envelope"), "{text}");
+    let text = error(&with(BLOCK, &tiling("{ field = \"stress\" }"), 0.2));
+    assert!(text.contains("needs a file"), "{text}");
+    let warned = report(&with(
+        BLOCK,
+        "transition = [{ cell = \"thin\", weight = \"3 - x\" }, { cell = \"thick\", weight = 1 }]",
+        0.2,
+    ));
+    assert!(
+        warned.warnings.iter().any(|w| w.code == "W109"),
+        "{:?}",
+        warned.warnings
+    );
+}
+
+#[test]
+fn round_scaffolds_and_filled_meshes_have_their_share() {
+    let ball = with(
+        "sphere = { radius = 3, cell_size = 1.5 }",
+        "cell = \"thick\"",
+        0.12,
+    );
+    let found = report(&ball);
+    // The share is the element's own where maps are affine; here they are not.
+    let share = found.solid.volume / (4.0 / 3.0 * PI * 27.0);
+    assert!((share - 0.5).abs() < 0.06, "{share}");
+    assert_eq!(found.scaffold.unwrap().elements["Hex27"], 32);
+    let rod = with(
+        "cylinder = { radius = 2, height = 3, cell_size = 1 }",
+        "cell = \"thick\"",
+        0.12,
+    );
+    let found = report(&rod);
+    assert!((found.solid.volume / (PI * 12.0) - 0.5).abs() < 0.06);
+
+    let fill = "fill = { mesh = \"ROOT/examples/bracket/bracket.stl\", cell_size = 8 }";
+    let found = report(&with(fill, "cell = \"thick\"", 1.0));
+    let share = found.solid.volume_fraction.unwrap();
+    assert!((share - 0.5).abs() < 0.12, "{share}");
+
+    let tets = "druse = 1\n[cell.a]\nsurface = \"schwarz_p\"\nvolume_fraction = 0.5\n\
+        [scaffold]\nfill = { mesh = \"ROOT/examples/bracket/bracket.stl\", cell_size = 8, kind = \"tet\" }\n\
+        [tiling]\ncell = \"a\"\n[band]\nvoxel_size = 1\n";
+    let found = report(tets);
+    let scaffold = found.scaffold.unwrap();
+    let [least, greatest] = scaffold.dihedral_degrees.unwrap();
+    assert!(least > 10.7 && greatest < 164.8, "{least} {greatest}");
+    assert!((found.solid.volume / scaffold.volume - 0.5).abs() < 0.1);
+}
+
+#[test]
+fn elements_can_be_cut_up() {
+    let whole = report(&with(BLOCK, "cell = \"thick\"", 0.1)).solid;
+    for (extra, count) in [
+        ("refine = 1", 24 * 8),
+        ("repeat = 2", 24 * 8),
+        ("all_hex = true", 24 * 8),
+    ] {
+        let found = report(&with(
+            &format!("{BLOCK}\n{extra}"),
+            "cell = \"thick\"",
+            0.05,
+        ));
+        assert_eq!(found.scaffold.unwrap().elements["Hex8"], count, "{extra}");
+        assert!((found.solid.volume_fraction.unwrap() - 0.5).abs() < 0.01);
+        // Half the size of cells: twice the surface, but for the outside.
+        assert!(found.solid.area > 1.4 * whole.area);
+    }
+    let text = error(&with(
+        "box = { size = [2, 2, 2], cell_size = 1, kind = \"tet\" }\nrepeat = 2",
+        "cell = \"thick\"",
+        0.2,
+    ));
+    assert!(text.contains("Tet4"), "{text}");
+}
+
+#[test]
+fn shells_and_plates_come_from_surfaces() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("a.off");
+    std::fs::write(
+        &path,
+        "OFF\n6 2 0\n0 0 0\n1 0 0\n2 0 0\n0 1 0\n1 1 0\n2 1 0\n4 0 1 4 3\n4 1 2 5 4\n",
+    )
+    .unwrap();
+    let file = format!("file = \"{}\"", path.display());
+    for thickness in ["shell = { thickness = 1 }", "plate = { height = 1 }"] {
+        let found = report(&with(
+            &format!("{file}\n{thickness}"),
+            "cell = \"thick\"",
+            0.05,
+        ));
+        assert!(
+            (found.solid.volume / 1.0 - 1.0).abs() < 0.02,
+            "{}",
+            found.solid.volume
+        );
+        assert_eq!(found.scaffold.unwrap().elements["Hex8"], 2);
+    }
+    let text = error(&with(&file, "cell = \"thick\"", 0.2));
+    assert!(text.contains("shell = "), "{text}");
+}
+
+#[test]
+fn fields_of_files_set_weights() {
+    let directory = tempfile::tempdir().unwrap();
+    let csv = directory.path().join("w.csv");
+    let mut text = String::from("x,y,z,w\n");
+    for i in 0..=6 {
+        for (y, z) in [(0, 0), (2, 0), (0, 2), (2, 2)] {
+            text.push_str(&format!("{i},{y},{z},{}\n", f64::from(i) / 6.0));
+        }
+    }
+    std::fs::write(&csv, text).unwrap();
+    let tiling = |outside: &str| {
+        let field = format!("{{ file = \"{}\", field = \"w\"{outside} }}", csv.display());
+        format!(
+            "transition = [{{ cell = \"thin\", weight = \"1 - bx\" }}, {{ cell = \"thick\", weight = {field} }}]"
+        )
+    };
+    let share = report(&with(BLOCK, &tiling(""), 0.08))
+        .solid
+        .volume_fraction
+        .unwrap();
+    assert!((share - 0.35).abs() < 0.015, "{share}");
+    // Mapped to a constant.
+    let mapped = tiling(", map = [[0, 1], [1, 1]]");
+    let share = report(&with(BLOCK, &mapped, 0.08))
+        .solid
+        .volume_fraction
+        .unwrap();
+    assert!(share > 0.36, "{share}");
+    let missing = tiling("").replace("field = \"w\"", "field = \"v\"");
+    assert!(error(&with(BLOCK, &missing, 0.2)).contains("x, y, z and v"));
+}
+
+#[test]
+fn points_are_probed_inside_and_outside() {
+    let text = with(
+        BLOCK,
+        "transition = [{ cell = \"thin\", weight = \"1 - bx\" }, { cell = \"thick\", weight = \"bx\" }]",
+        0.1,
+    );
+    let recipe = recipe(&text);
+    let probe = Probe::new(&recipe, &RunOptions::default(), &Silent).unwrap();
+    assert_eq!(probe.cells(), ["thin", "thick"]);
+    let points = [[1.5, 0.5, 0.5], [9.0, 0.0, 0.0], [4.7, 1.3, 0.2]];
+    let [tables, exact] = [false, true].map(|e| probe.evaluate(&points, e).unwrap());
+    assert_eq!([tables[0].element, tables[1].element], [1, -1]);
+    assert!(tables[1].phi.is_nan() && tables[1].distance > 0.0);
+    for (t, e) in tables.iter().zip(&exact).filter(|p| p.0.element >= 0) {
+        assert!((t.phi - e.phi).abs() < 1e-3, "{} {}", t.phi, e.phi);
+    }
+    assert!((tables[0].weights[1] - 0.25).abs() < 1e-12);
+    assert!(tables[0].reference.iter().all(|c| c.abs() < 1e-12));
+    let picture = tempfile::tempdir().unwrap();
+    let path = picture.path().join("a.vtu");
+    let found = probe.certificate(Some(&path)).unwrap();
+    assert!(found.value_jump_max < 1e-5);
+    let druse::io::ElementFile::Solids(file) = druse::io::read_elements(&path).unwrap() else {
+        panic!("solids");
+    };
+    let names: Vec<&str> = file.fields.iter().map(|f| f.name.as_str()).collect();
+    assert_eq!(
+        names,
+        [
+            "quality",
+            "value_jump",
+            "crease_degrees",
+            "weight_thin",
+            "weight_thick"
+        ]
+    );
+}
