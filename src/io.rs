@@ -16,6 +16,7 @@ pub mod atomic;
 mod cell;
 mod cloud;
 mod collector;
+mod dlfl;
 mod error;
 mod facets;
 mod graph;
@@ -23,9 +24,12 @@ mod inp;
 mod mesh_file;
 mod msh;
 mod npy;
+mod mtl;
 mod obj;
+mod obj_groups;
 mod ply;
 mod polygon;
+mod polymesh;
 mod scaffold;
 mod source;
 mod stl;
@@ -39,6 +43,8 @@ pub use error::{ErrorClass, Place, ReadError, WriteError};
 pub use graph::read_skeleton;
 pub use mesh_file::{MeshFile, MeshFormat, is_point_cloud, read_mesh, sniff, write_mesh};
 pub use npy::{NpyArray, read_npy};
+pub use mtl::color as group_color;
+pub use polymesh::{read_polymesh, write_polymesh};
 pub use scaffold::{
     DataField, ELEMENT_FORMATS, ElementFile, FieldAt, Group, ScaffoldFile, SurfaceFile,
     read_elements, read_scaffold,

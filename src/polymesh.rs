@@ -25,22 +25,33 @@ use std::collections::BTreeMap;
 
 mod archimedean;
 mod error;
+mod expression;
 mod extrude;
+pub mod form;
+mod history;
 mod kind;
 mod measure;
 mod operator;
 mod polygon;
 mod remesh;
+mod script;
 pub mod seed;
+mod select;
+mod symmetrize;
 mod tier;
 mod topology;
 mod triangulate;
 
 pub use error::{ExtrudeError, PolyError};
 pub use extrude::{Extruded, Extrusion};
+pub use history::{History, Model};
 pub use kind::{Dihedral, Kind, Operator, from_name as extrusion_named, names as extrusion_names};
 pub use measure::Summary;
 pub use remesh::{Grouping, Parameter, Remesh, RemeshError, scheme_names};
+pub use script::{
+    Files, GroupBy, LoadOptions, Loaded, NoFiles, Note, Script, ScriptError, VERBS, Workshop,
+};
+pub use symmetrize::Symmetry;
 pub use triangulate::Triangulated;
 
 /// Loops of vertex numbers, one after another.

@@ -139,7 +139,7 @@ pub enum ExtrudeError {
     #[error("{0} iterations; expected 1 to 1000")]
     Iterations(usize),
     /// Too much to make.
-    #[error("the mesh would have {0} corners; expected at most 4294967295")]
+    #[error("the mesh would have {0} corners or more; expected at most 134217728")]
     TooMany(u64),
     /// A face that has no such extrusion.
     #[error("face {face}: {reason}")]

@@ -11,6 +11,9 @@ use super::tier;
 use super::{ExtrudeError, Faces, PolyMesh, operator};
 use crate::frame::Vec3;
 
+/// Most corners that are made.
+const MOST: usize = 1 << 27;
+
 /// An extrusion and its parameters.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Extrusion {
@@ -184,8 +187,8 @@ impl Extrusion {
                         .ok_or(ExtrudeError::TooMany(u64::from(greatest) + k as u64))?,
                 );
             }
-            if faces.corners.len() > u32::MAX as usize / 2 {
-                return Err(ExtrudeError::TooMany(faces.corners.len() as u64 * 2));
+            if faces.corners.len() > MOST {
+                return Err(ExtrudeError::TooMany(faces.corners.len() as u64));
             }
         }
         look.report(self, sources.len(), notes);

@@ -106,7 +106,7 @@ pub enum RemeshError {
     #[error("{0} makes faces that come from no single face; groups = parent needs one for each")]
     NoParent(String),
     /// Too much to make.
-    #[error("the mesh would have {0} corners; expected at most 1073741824")]
+    #[error("the mesh would have {0} corners; expected at most 134217728")]
     TooMany(u64),
     /// What came out is no mesh.
     #[error("{scheme} of this mesh is no mesh: {error}")]
@@ -119,7 +119,7 @@ pub enum RemeshError {
 }
 
 /// Most corners that are made.
-const MOST: u64 = 1 << 30;
+const MOST: u64 = 1 << 27;
 
 /// Names of all schemes, duals left out.
 pub fn scheme_names() -> Vec<&'static str> {

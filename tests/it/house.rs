@@ -20,7 +20,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ),
     ("band", &["field", "frame", "progress"]),
     ("vdb", &["frame", "mesh", "band", "progress"]),
-    ("io", &["mesh", "scaffold", "cell", "frame"]),
+    ("io", &["mesh", "scaffold", "cell", "frame", "polymesh"]),
     (
         "recipe",
         &[
@@ -31,14 +31,14 @@ const MAY_USE: &[(&str, &[&str])] = &[
         "pipeline",
         &[
             "frame", "progress", "field", "mesh", "cell", "scaffold", "tiling", "band", "vdb",
-            "io", "recipe", "symmetry",
+            "io", "recipe", "symmetry", "polymesh",
         ],
     ),
     (
         "cli",
         &[
             "frame", "progress", "field", "mesh", "cell", "scaffold", "vdb", "io", "recipe",
-            "pipeline", "symmetry",
+            "pipeline", "symmetry", "polymesh",
         ],
     ),
 ];

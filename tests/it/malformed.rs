@@ -7,9 +7,10 @@
 use druse::frame::{LengthUnit, Vec3};
 use druse::io::{
     ErrorClass, ReadError, read_cell, read_elements, read_mesh, read_npy, read_points,
-    read_skeleton, write_mesh,
+    read_polymesh, read_skeleton, write_mesh,
 };
 use druse::mesh::TriMesh;
+use druse::polymesh::{LoadOptions, NoFiles, Script, ScriptError, Workshop};
 use druse::recipe::{Recipe, RecipeError, RecipeFault};
 use std::fs;
 use std::io::{Read, Write};
@@ -113,6 +114,32 @@ fn text_ply() -> Vec<u8> {
     }
     out
 }
+
+fn polygons(path: &Path) -> Result<(), Refusal> {
+    Ok(read_polymesh(path, &LoadOptions::default()).map(drop)?)
+}
+
+/// Files of the polygon stage's test data.
+fn crystals(names: &[&str]) -> Vec<Vec<u8>> {
+    let directory = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/crystal/files");
+    let read = |n: &&str| fs::read(directory.join(n)).unwrap();
+    names.iter().map(read).collect()
+}
+
+/// Scripts are read as a recipe's are, and carried out.
+fn script(path: &Path) -> Result<(), Refusal> {
+    let text = String::from_utf8_lossy(&fs::read(path).unwrap()).into_owned();
+    let fault = |e: &ScriptError| {
+        let place = druse::io::Place::Line(e.line as u64);
+        let expected = e.hint.clone().unwrap_or_else(|| "a step".into());
+        ReadError::data(path, place, e.message.clone(), expected)
+    };
+    let script = Script::parse(&text).map_err(|e| fault(&e))?;
+    let mut workshop = Workshop::new(&NoFiles);
+    Ok(script.run(&mut workshop, None).map_err(|e| fault(&e))?)
+}
+
+const SCRIPT: &[u8] = b"param t = 1/3 # a third\ncube edge=1\nrepeat 2 { remesh checkerboard t=t; extrude cubical group=1 dihedral=90 tiers=[-0.9] }\nassign faces(abs(normal.z) < 0.5 and not near(1, 2, 3)) new\nextrude dodecahedral top dihedral=auto\nmerge 1 2\nstartvertex all toward=[0, 0, 1]\n";
 
 fn cell(path: &Path) -> Result<(), Refusal> {
     Ok(read_cell(path).map(drop)?)
@@ -218,16 +245,16 @@ fn stored(names: &[&str]) -> Vec<Vec<u8>> {
     names.iter().map(read).collect()
 }
 
-fn array(path: &Path) -> Result<(), ReadError> {
-    read_npy(path).map(|_| ())
+fn array(path: &Path) -> Result<(), Refusal> {
+    Ok(read_npy(path).map(drop)?)
 }
 
-fn graph(path: &Path) -> Result<(), ReadError> {
-    read_skeleton(path, None, None).map(|_| ())
+fn graph(path: &Path) -> Result<(), Refusal> {
+    Ok(read_skeleton(path, None, None).map(drop)?)
 }
 
-fn cloud(path: &Path) -> Result<(), ReadError> {
-    read_points(path).map(|_| ())
+fn cloud(path: &Path) -> Result<(), Refusal> {
+    Ok(read_points(path).map(drop)?)
 }
 
 /// An array as numpy writes it: 10 bytes, a header padded to 118, the numbers.
@@ -366,6 +393,19 @@ fn formats() -> Vec<Format> {
             cloud,
         ),
         row("points ply", "ply", vec![ply_cloud()], cloud),
+        row(
+            "polygon obj",
+            "obj",
+            crystals(&["cube_groups.obj", "cube_dodeca_c.obj", "crlf_neg.obj"]),
+            polygons,
+        ),
+        row(
+            "dlfl",
+            "dlfl",
+            crystals(&["cube_groups.dlfl", "cube_dodeca.dlfl"]),
+            polygons,
+        ),
+        row("crystal", "crystal", vec![SCRIPT.to_vec()], script),
         row(
             "vtu appended",
             "vtu",

@@ -1,7 +1,10 @@
 //! The polygon stage: oracles computed by other programs, and laws.
 
 mod extrude;
+mod files;
+mod form;
 mod remesh;
+mod script;
 mod topology;
 
 use druse::frame::Vec3;

@@ -1,0 +1,55 @@
+//! Material files: a colour for each group, and the colours of others' materials.
+
+use super::{ReadError, Source};
+use std::collections::BTreeMap;
+use std::fmt::Write;
+use std::path::Path;
+
+/// The colours (`Kd`) of a material file, rounded to 255ths; other lines are passed over.
+pub(super) fn read(path: &Path) -> Result<BTreeMap<String, [u8; 3]>, ReadError> {
+    let mut source = Source::open(path)?;
+    let mut colors = BTreeMap::new();
+    let mut name = String::new();
+    while let Some(line) = source.line()? {
+        let mut words = line.split_whitespace();
+        match words.next() {
+            Some("newmtl") => name = words.collect::<Vec<_>>().join(" "),
+            Some("Kd") => {
+                let parts: Vec<f64> = words.map_while(|w| w.parse().ok()).collect();
+                if let [r, g, b] = parts[..] {
+                    colors.insert(name.clone(), rounded([r, g, b]));
+                }
+            }
+            _ => {}
+        }
+    }
+    Ok(colors)
+}
+
+/// A colour in 255ths.
+pub(super) fn rounded(color: [f64; 3]) -> [u8; 3] {
+    color.map(|c| (c.clamp(0.0, 1.0) * 255.0).round() as u8)
+}
+
+/// A material for each group; colours follow from the numbers alone, so that they stay.
+pub(super) fn text(groups: impl Iterator<Item = u32>) -> String {
+    let mut text = String::new();
+    for group in groups {
+        let [r, g, b] = color(group);
+        let _ = write!(
+            text,
+            "newmtl group{group}\nKd {r:.6} {g:.6} {b:.6}\nKa 0 0 0\nKs 0 0 0\nillum 1\n"
+        );
+    }
+    text
+}
+
+/// The colour of a group: hues a golden section apart.
+pub fn color(group: u32) -> [f64; 3] {
+    let hue = 6.0 * (0.618034 * f64::from(group)).fract();
+    let (saturation, value) = (0.65, 0.95);
+    [5.0, 3.0, 1.0].map(|k: f64| {
+        let t = (k + hue) % 6.0;
+        value - value * saturation * t.min(4.0 - t).clamp(0.0, 1.0)
+    })
+}

@@ -1,0 +1,272 @@
+//! Polygon meshes from files and to them, by extension: OBJ and DLFL keep polygons, groups and start
+//! vertices; STL, PLY and 3MF hold triangles.
+
+use super::atomic::write_bytes;
+use super::{Place, ReadError, WriteError, dlfl, mtl, obj_groups, read_mesh, write_mesh};
+use crate::frame::{LengthUnit, Vec3};
+use crate::polymesh::{Faces, GroupBy, LoadOptions, Loaded, PolyError, PolyMesh};
+use std::collections::BTreeMap;
+use std::path::Path;
+
+/// What a reader found before it is known to be a mesh.
+#[derive(Default)]
+pub(super) struct Draft {
+    pub vertices: Vec<Vec3>,
+    pub faces: Faces,
+    pub groups: Vec<u32>,
+    /// The line of each face, from 1; empty when there are no lines.
+    pub lines: Vec<u64>,
+    /// What the file counts from: 1 in OBJ, 0 in DLFL.
+    pub base: u32,
+    pub warnings: Vec<String>,
+}
+
+/// Reads a polygon mesh.
+///
+/// # Errors
+/// [`ReadError`] with line and face: no such file, an unknown extension, bad syntax, or polygons that make no
+/// closed oriented manifold.
+pub fn read_polymesh(path: impl AsRef<Path>, options: &LoadOptions) -> Result<Loaded, ReadError> {
+    let path = path.as_ref();
+    let extension = extension(path);
+    let draft = match extension.as_str() {
+        "obj" => obj_groups::read(path, options.group_by)?,
+        "dlfl" => dlfl::read(path, options.group_by)?,
+        "stl" | "ply" | "3mf" => {
+            let file = read_mesh(path)?;
+            let mesh = file.mesh.merged();
+            Draft {
+                vertices: mesh.vertices().to_vec(),
+                faces: mesh.triangles().iter().copied().collect(),
+                groups: vec![1; mesh.triangles().len()],
+                warnings: file.warnings,
+                ..Draft::default()
+            }
+        }
+        _ => {
+            let found = format!("the extension {extension:?}");
+            let expected = "one of .obj, .dlfl, .stl, .ply, .3mf";
+            std::fs::metadata(path).map_err(|e| ReadError::io(path, e))?;
+            return Err(ReadError::data(path, Place::File, found, expected));
+        }
+    };
+    draft.finish(path, options)
+}
+
+/// Writes a polygon mesh, atomically; gives the file's size in bytes. An `.obj` or `.dlfl` brings an `.mtl` of
+/// the same name with a colour for each group.
+///
+/// # Errors
+/// [`WriteError`] for an unknown extension or a place that cannot be written.
+pub fn write_polymesh(path: impl AsRef<Path>, mesh: &PolyMesh) -> Result<u64, WriteError> {
+    let path = path.as_ref();
+    let text = match extension(path).as_str() {
+        "obj" => obj_groups::text(mesh, &library(path)),
+        "dlfl" => dlfl::text(mesh, &library(path)),
+        "stl" | "ply" | "3mf" => {
+            let cut = mesh.triangulated().map_err(|e| WriteError::Format {
+                path: path.to_owned(),
+                reason: e.to_string(),
+            })?;
+            return write_mesh(path, &cut.mesh, LengthUnit::default());
+        }
+        other => {
+            return Err(WriteError::Format {
+                path: path.to_owned(),
+                reason: format!(
+                    "found the extension {other:?}; expected one of .obj, .dlfl, .stl, .ply, .3mf"
+                ),
+            });
+        }
+    };
+    let materials = mtl::text(mesh.group_counts().into_keys());
+    let size = write_bytes(path, text.as_bytes())?;
+    Ok(size + write_bytes(&path.with_extension("mtl"), materials.as_bytes())?)
+}
+
+fn extension(path: &Path) -> String {
+    path.extension()
+        .map(|e| e.to_string_lossy().to_lowercase())
+        .unwrap_or_default()
+}
+
+/// The name of the material file beside a mesh.
+fn library(path: &Path) -> String {
+    let name = path.with_extension("mtl");
+    let name = name.file_name().map(|n| n.to_string_lossy().into_owned());
+    name.unwrap_or_default()
+}
+
+impl Draft {
+    /// Names of groups as numbers: `groupN` is N, others count up from 1 past those.
+    pub fn number(&mut self, names: &[String]) {
+        let own = |name: &str| {
+            let digits = name.strip_prefix("group")?;
+            digits.parse::<u32>().ok().filter(|&n| n > 0)
+        };
+        let taken: Vec<u32> = names.iter().filter_map(|n| own(n)).collect();
+        let mut numbers: BTreeMap<&str, u32> = BTreeMap::new();
+        let mut next = 1;
+        self.groups = names
+            .iter()
+            .map(|name| {
+                own(name).unwrap_or_else(|| {
+                    *numbers.entry(name).or_insert_with(|| {
+                        while taken.contains(&next) {
+                            next += 1;
+                        }
+                        next += 1;
+                        next - 1
+                    })
+                })
+            })
+            .collect();
+    }
+
+    fn finish(mut self, path: &Path, options: &LoadOptions) -> Result<Loaded, ReadError> {
+        if options.weld > 0.0 {
+            self.weld(options.weld);
+        }
+        self.drop_unused();
+        let (base, lines) = (self.base, std::mem::take(&mut self.lines));
+        let mesh = PolyMesh::new(self.vertices, self.faces, self.groups);
+        let mesh = mesh.map_err(|e| fault(path, &e, base, &lines))?;
+        Ok(Loaded {
+            mesh: if options.flip { mesh.flipped() } else { mesh },
+            warnings: self.warnings,
+        })
+    }
+
+    /// Vertices of no face are left out, with a warning.
+    fn drop_unused(&mut self) {
+        let mut used = vec![false; self.vertices.len()];
+        for face in self.faces.iter() {
+            for &v in face {
+                if let Some(u) = used.get_mut(v as usize) {
+                    *u = true;
+                }
+            }
+        }
+        let unused = used.iter().filter(|u| !**u).count();
+        if unused == 0 {
+            return;
+        }
+        self.warnings
+            .push(format!("{unused} vertices belong to no face; left out"));
+        let mut number = vec![0; used.len()];
+        let mut kept = Vec::with_capacity(used.len() - unused);
+        for (v, point) in self.vertices.iter().enumerate() {
+            number[v] = kept.len() as u32;
+            if used[v] {
+                kept.push(*point);
+            }
+        }
+        let count = kept.len() as u32;
+        let place = |v: &u32| number.get(*v as usize).copied().unwrap_or(count);
+        self.faces = self
+            .faces
+            .iter()
+            .map(|f| f.iter().map(place).collect::<Vec<_>>())
+            .collect();
+        self.vertices = kept;
+    }
+
+    /// Vertices nearer than a distance become the first of them; corners that fall together become one.
+    fn weld(&mut self, distance: f64) {
+        let cell = |p: &Vec3| [p.x, p.y, p.z].map(|c| (c / distance).floor() as i64);
+        let mut cells: std::collections::HashMap<[i64; 3], Vec<u32>> =
+            std::collections::HashMap::new();
+        let mut number = Vec::with_capacity(self.vertices.len());
+        for (v, p) in self.vertices.iter().enumerate() {
+            let [x, y, z] = cell(p);
+            let mut near = None;
+            for n in 0..27i64 {
+                let key = [x + n % 3 - 1, y + n / 3 % 3 - 1, z + n / 9 - 1];
+                let list = cells.get(&key).map_or(&[][..], Vec::as_slice);
+                let close = |w: &&u32| (self.vertices[**w as usize] - p).norm() < distance;
+                near = near.or_else(|| list.iter().find(close).copied());
+            }
+            let own = v as u32;
+            number.push(near.unwrap_or(own));
+            if near.is_none() {
+                cells.entry([x, y, z]).or_default().push(own);
+            }
+        }
+        let mut faces = Faces::default();
+        let (mut groups, mut lines) = (Vec::new(), Vec::new());
+        for (f, face) in self.faces.iter().enumerate() {
+            let mut loops: Vec<u32> = face.iter().map(|&v| number[v as usize]).collect();
+            loops.dedup();
+            while loops.len() > 1 && loops.first() == loops.last() {
+                loops.pop();
+            }
+            if loops.len() > 2 {
+                faces.push(loops);
+                groups.push(self.groups[f]);
+                lines.extend(self.lines.get(f));
+            }
+        }
+        (self.faces, self.groups, self.lines) = (faces, groups, lines);
+    }
+}
+
+/// A fault of the mesh with its place in the file, in the file's numbers.
+fn fault(path: &Path, error: &PolyError, base: u32, lines: &[u64]) -> ReadError {
+    let number = |n: usize| n as u64 + u64::from(base);
+    let at = |face: usize| match lines.get(face) {
+        Some(&line) => Place::ItemOnLine("face", number(face), line),
+        None => Place::Item("face", number(face)),
+    };
+    let place = error.face().map_or(Place::File, at);
+    let vertex = |v: u32| v + base;
+    let closed = "a closed surface: two faces an edge, in opposite directions";
+    match *error {
+        PolyError::TooFewCorners { corners, .. } => {
+            ReadError::data(path, place, format!("{corners} corners"), "at least 3")
+        }
+        PolyError::RepeatedVertex { vertex: v, .. } => {
+            let found = format!("vertex {} twice", vertex(v));
+            ReadError::data(path, place, found, "each corner of a face once")
+                .with_hint("cut the face into two where it touches itself")
+        }
+        PolyError::SameDirection {
+            first, from, to, ..
+        } => {
+            let (from, to) = (vertex(from), vertex(to));
+            let found = format!(
+                "the edge from vertex {from} to {to} in the same direction as face {}",
+                number(first)
+            );
+            ReadError::data(path, place, found, closed)
+                .with_hint("one of the faces is flipped, or more than two meet there")
+        }
+        PolyError::Open { from, to, .. } => {
+            let (from, to) = (vertex(from), vertex(to));
+            let found = format!("no face on the other side of the edge from vertex {from} to {to}");
+            ReadError::data(path, place, found, closed).with_hint(
+                "close the surface, or load it with weld=DISTANCE if its vertices are apart",
+            )
+        }
+        PolyError::Pinched { vertex: v, fans } => {
+            let found = format!("vertex {} that joins {fans} fans of faces", vertex(v));
+            ReadError::data(path, place, found, "one fan of faces round every vertex")
+                .with_hint("give each fan a vertex of its own at the same place")
+        }
+        ref other => ReadError::data(path, place, other.to_string(), "a closed oriented surface"),
+    }
+}
+
+/// Groups by colour instead of by name, where that is asked for.
+pub(super) fn by_color(
+    names: &mut [String],
+    colors: &BTreeMap<String, [u8; 3]>,
+    group_by: GroupBy,
+) {
+    if group_by == GroupBy::Color {
+        for name in names {
+            if let Some([r, g, b]) = colors.get(name.as_str()) {
+                *name = format!("#{r:02x}{g:02x}{b:02x}");
+            }
+        }
+    }
+}

@@ -1,0 +1,330 @@
+//! Expressions: numbers and truths over names, as scripts and selections write them.
+//!
+//! `or`, `and`, `not` (also `|`, `&`, `!`), comparisons, `+ - * /`, `^`, brackets, functions. Angles are in
+//! degrees, as everywhere in scripts: `acos(1/3)` is 70.53.
+
+/// The value of an expression.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Value {
+    Number(f64),
+    Truth(bool),
+}
+
+/// What is wrong with an expression, and where: a byte of its text.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct ExpressionError {
+    pub at: usize,
+    pub message: String,
+}
+
+type Parsed<T> = Result<T, ExpressionError>;
+
+/// A parsed expression.
+#[derive(Clone, Debug)]
+pub(super) struct Expression(Node);
+
+#[derive(Clone, Debug)]
+enum Node {
+    Number(f64),
+    /// A name, with arguments in brackets if it has them.
+    Name(usize, String, Option<Vec<Node>>),
+    Not(usize, Box<Node>),
+    Minus(usize, Box<Node>),
+    Both(usize, &'static str, Box<Node>, Box<Node>),
+}
+
+/// Deepest nesting: deeper is a slip, and recursion has an end.
+const DEPTH: usize = 100;
+
+/// What names mean: a name and its arguments, none without brackets.
+pub(super) type Names<'a> = &'a dyn Fn(&str, Option<&[f64]>) -> Option<Value>;
+
+impl Expression {
+    pub fn parse(text: &str) -> Parsed<Self> {
+        let mut parser = Parser {
+            text,
+            at: 0,
+            depth: 0,
+        };
+        let node = parser.level(0)?;
+        parser.blank();
+        if parser.at < text.len() {
+            let rest: String = text[parser.at..].chars().take(20).collect();
+            return Err(parser.fault(format!("found {rest:?}; expected an operator or the end")));
+        }
+        Ok(Self(node))
+    }
+
+    /// Its value where names have these meanings.
+    pub fn value(&self, names: Names) -> Parsed<Value> {
+        self.0.value(names)
+    }
+
+    /// Its value as a number.
+    pub fn number(&self, names: Names) -> Parsed<f64> {
+        self.0.number(names)
+    }
+
+    /// Its value as a truth.
+    pub fn truth(&self, names: Names) -> Parsed<bool> {
+        match self.value(names)? {
+            Value::Truth(t) => Ok(t),
+            Value::Number(n) => Err(ExpressionError {
+                at: 0,
+                message: format!("found the number {n}; expected a condition such as sides == 5"),
+            }),
+        }
+    }
+}
+
+/// Operators by level, loosest first; words need an end.
+const LEVELS: [&[&str]; 5] = [
+    &["or", "||", "|"],
+    &["and", "&&", "&"],
+    &["==", "!=", "<=", ">=", "<", ">"],
+    &["+", "-"],
+    &["*", "/"],
+];
+
+struct Parser<'a> {
+    text: &'a str,
+    at: usize,
+    depth: usize,
+}
+
+impl<'a> Parser<'a> {
+    fn fault(&self, message: impl Into<String>) -> ExpressionError {
+        ExpressionError {
+            at: self.at,
+            message: message.into(),
+        }
+    }
+
+    fn rest(&self) -> &'a str {
+        &self.text[self.at..]
+    }
+
+    fn blank(&mut self) {
+        self.at += self.rest().len() - self.rest().trim_start().len();
+    }
+
+    /// Takes a sign or word if it comes next.
+    fn take(&mut self, sign: &str) -> bool {
+        self.blank();
+        let word = sign.chars().all(char::is_alphabetic);
+        let Some(rest) = self.rest().strip_prefix(sign) else {
+            return false;
+        };
+        if word && rest.starts_with(|c: char| c.is_alphanumeric() || c == '_') {
+            return false;
+        }
+        self.at += sign.len();
+        true
+    }
+
+    fn level(&mut self, level: usize) -> Parsed<Node> {
+        self.depth += 1;
+        if self.depth > DEPTH * (LEVELS.len() + 2) {
+            return Err(self.fault(format!("nested more than {DEPTH} deep")));
+        }
+        let node = self.operators(level);
+        self.depth -= 1;
+        node
+    }
+
+    fn operators(&mut self, level: usize) -> Parsed<Node> {
+        let Some(signs) = LEVELS.get(level) else {
+            return self.power();
+        };
+        if level == 2 && (self.take("not") || (!self.rest().starts_with("!=") && self.take("!"))) {
+            let at = self.at;
+            return Ok(Node::Not(at, Box::new(self.level(2)?)));
+        }
+        let mut left = self.level(level + 1)?;
+        loop {
+            self.blank();
+            let at = self.at;
+            let Some(sign) = signs.iter().find(|s| self.take(s)) else {
+                return Ok(left);
+            };
+            let right = self.level(level + 1)?;
+            left = Node::Both(at, sign, Box::new(left), Box::new(right));
+        }
+    }
+
+    fn power(&mut self) -> Parsed<Node> {
+        self.blank();
+        let at = self.at;
+        if self.take("-") {
+            return Ok(Node::Minus(at, Box::new(self.level(LEVELS.len())?)));
+        }
+        let base = self.atom()?;
+        self.blank();
+        let at = self.at;
+        if self.take("^") {
+            let exponent = self.level(LEVELS.len())?;
+            return Ok(Node::Both(at, "^", Box::new(base), Box::new(exponent)));
+        }
+        Ok(base)
+    }
+
+    fn atom(&mut self) -> Parsed<Node> {
+        self.blank();
+        let rest = self.rest();
+        let at = self.at;
+        if self.take("(") {
+            let inner = self.level(0)?;
+            return if self.take(")") {
+                Ok(inner)
+            } else {
+                Err(self.fault("expected \")\""))
+            };
+        }
+        let digits = |c: char| c.is_ascii_digit() || c == '.';
+        if rest.starts_with(digits) {
+            let mut end = rest.find(|c| !digits(c)).unwrap_or(rest.len());
+            let tail = &rest[end..];
+            if let Some(power) = tail.strip_prefix(['e', 'E']) {
+                let sign = usize::from(power.starts_with(['+', '-']));
+                let digits = power[sign..].bytes().take_while(u8::is_ascii_digit).count();
+                if digits > 0 {
+                    end += 1 + sign + digits;
+                }
+            }
+            let number: Option<f64> = rest[..end].parse().ok();
+            let node = number.map(Node::Number);
+            let node =
+                node.ok_or_else(|| self.fault(format!("{:?} is no number", &rest[..end])))?;
+            self.at += end;
+            return Ok(node);
+        }
+        let part = |c: char| c.is_alphanumeric() || c == '_' || c == '.';
+        let end = rest.find(|c| !part(c)).unwrap_or(rest.len());
+        if end == 0 {
+            let found = rest.chars().next();
+            let found = found.map_or("the end".to_owned(), |c| format!("{c:?}"));
+            return Err(self.fault(format!("found {found}; expected a number, a name or \"(\"")));
+        }
+        let name = rest[..end].to_owned();
+        self.at += end;
+        if !self.take("(") {
+            return Ok(Node::Name(at, name, None));
+        }
+        let mut arguments = Vec::new();
+        if !self.take(")") {
+            loop {
+                arguments.push(self.level(0)?);
+                if self.take(")") {
+                    break;
+                }
+                if !self.take(",") {
+                    return Err(self.fault(format!("in {name}(...): expected \",\" or \")\"")));
+                }
+            }
+        }
+        Ok(Node::Name(at, name, Some(arguments)))
+    }
+}
+
+impl Node {
+    fn number(&self, names: Names) -> Parsed<f64> {
+        match self.value(names)? {
+            Value::Number(n) => Ok(n),
+            Value::Truth(t) => Err(self.fault(format!("found {t}; expected a number"))),
+        }
+    }
+
+    fn truth(&self, names: Names) -> Parsed<bool> {
+        match self.value(names)? {
+            Value::Truth(t) => Ok(t),
+            Value::Number(n) => Err(self.fault(format!("found {n}; expected a condition"))),
+        }
+    }
+
+    fn fault(&self, message: String) -> ExpressionError {
+        let at = match self {
+            Self::Number(_) => 0,
+            Self::Name(at, ..) | Self::Not(at, _) | Self::Minus(at, _) | Self::Both(at, ..) => *at,
+        };
+        ExpressionError { at, message }
+    }
+
+    fn value(&self, names: Names) -> Parsed<Value> {
+        Ok(match self {
+            Self::Number(n) => Value::Number(*n),
+            Self::Not(_, inner) => Value::Truth(!inner.truth(names)?),
+            Self::Minus(_, inner) => Value::Number(-inner.number(names)?),
+            Self::Both(_, sign, a, b) => match *sign {
+                "or" | "||" | "|" => Value::Truth(a.truth(names)? || b.truth(names)?),
+                "and" | "&&" | "&" => Value::Truth(a.truth(names)? && b.truth(names)?),
+                sign => both(sign, a.number(names)?, b.number(names)?),
+            },
+            Self::Name(_, name, arguments) => {
+                let numbers: Option<Vec<f64>> = match arguments {
+                    Some(list) => Some(
+                        list.iter()
+                            .map(|a| a.number(names))
+                            .collect::<Parsed<_>>()?,
+                    ),
+                    None => None,
+                };
+                let own = names(name, numbers.as_deref());
+                let value = own.or_else(|| built_in(name, numbers.as_deref()));
+                value.ok_or_else(|| {
+                    let with = numbers.map_or(String::new(), |n| {
+                        let plural = if n.len() == 1 { "" } else { "s" };
+                        format!(" with {} argument{plural}", n.len())
+                    });
+                    self.fault(format!("nothing is named {name:?}{with}"))
+                })?
+            }
+        })
+    }
+}
+
+fn both(sign: &str, a: f64, b: f64) -> Value {
+    match sign {
+        "==" => Value::Truth(a == b),
+        "!=" => Value::Truth(a != b),
+        "<=" => Value::Truth(a <= b),
+        ">=" => Value::Truth(a >= b),
+        "<" => Value::Truth(a < b),
+        ">" => Value::Truth(a > b),
+        "+" => Value::Number(a + b),
+        "-" => Value::Number(a - b),
+        "*" => Value::Number(a * b),
+        "/" => Value::Number(a / b),
+        _ => Value::Number(a.powf(b)),
+    }
+}
+
+fn built_in(name: &str, arguments: Option<&[f64]>) -> Option<Value> {
+    let number = match (name, arguments) {
+        ("pi", None) => std::f64::consts::PI,
+        ("true", None) => return Some(Value::Truth(true)),
+        ("false", None) => return Some(Value::Truth(false)),
+        ("abs", Some([x])) => x.abs(),
+        ("sqrt", Some([x])) => x.sqrt(),
+        ("floor", Some([x])) => x.floor(),
+        ("ceil", Some([x])) => x.ceil(),
+        ("round", Some([x])) => x.round(),
+        ("exp", Some([x])) => x.exp(),
+        ("log", Some([x])) => x.ln(),
+        ("sin", Some([x])) => x.to_radians().sin(),
+        ("cos", Some([x])) => x.to_radians().cos(),
+        ("tan", Some([x])) => x.to_radians().tan(),
+        ("asin", Some([x])) => x.asin().to_degrees(),
+        ("acos", Some([x])) => x.acos().to_degrees(),
+        ("atan", Some([x])) => x.atan().to_degrees(),
+        ("atan", Some([y, x])) => y.atan2(*x).to_degrees(),
+        ("mod", Some([x, y])) => x.rem_euclid(*y),
+        ("min", Some(list)) if !list.is_empty() => {
+            list.iter().copied().fold(f64::INFINITY, f64::min)
+        }
+        ("max", Some(list)) if !list.is_empty() => {
+            list.iter().copied().fold(f64::NEG_INFINITY, f64::max)
+        }
+        _ => return None,
+    };
+    Some(Value::Number(number))
+}

@@ -1,0 +1,395 @@
+//! Crystal forms: convex crystals as intersections of half-spaces, an orbit of planes a form.
+//!
+//! A form {hkl} is the orbit of the plane (hkl) under a point group; its planes have the normals
+//! `h a* + k b* + l c*` of the reciprocal lattice and all lie at one distance from the origin. Moving a form
+//! in or out keeps its planes' directions: cleavage planes stay. Point groups are named after Hermann and
+//! Mauguin (`m-3m`); trigonal ones stand on hexagonal axes, or on rhombohedral ones for that lattice.
+
+use super::polygon::unit;
+use super::{Faces, PolyError, PolyMesh};
+use crate::frame::{Mat3, Vec3};
+use crate::symmetry::{Operator, PointGroup};
+use std::collections::BTreeSet;
+
+/// Lattice systems, with the axes and angles each leaves free.
+pub const SYSTEMS: [(&str, &[&str]); 7] = [
+    ("cubic", &["a"]),
+    ("tetragonal", &["a", "c"]),
+    ("orthorhombic", &["a", "b", "c"]),
+    ("hexagonal", &["a", "c"]),
+    ("rhombohedral", &["a", "alpha"]),
+    ("monoclinic", &["a", "b", "c", "beta"]),
+    ("triclinic", &["a", "b", "c", "alpha", "beta", "gamma"]),
+];
+
+/// The 32 point groups: name, generators on the lattice's axes.
+#[rustfmt::skip]
+const GROUPS: [(&str, &[&str]); 32] = [
+    ("1", &[]), ("-1", &["-x,-y,-z"]),
+    ("2", &["-x,y,-z"]), ("m", &["x,-y,z"]), ("2/m", &["-x,y,-z", "-x,-y,-z"]),
+    ("222", &["-x,-y,z", "-x,y,-z"]), ("mm2", &["-x,-y,z", "x,-y,z"]), ("mmm", &["-x,-y,z", "-x,y,-z", "-x,-y,-z"]),
+    ("4", &["-y,x,z"]), ("-4", &["y,-x,-z"]), ("4/m", &["-y,x,z", "-x,-y,-z"]), ("422", &["-y,x,z", "-x,y,-z"]),
+    ("4mm", &["-y,x,z", "x,-y,z"]), ("-42m", &["y,-x,-z", "-x,y,-z"]), ("4/mmm", &["-y,x,z", "-x,y,-z", "-x,-y,-z"]),
+    ("3", &["-y,x-y,z"]), ("-3", &["-y,x-y,z", "-x,-y,-z"]), ("32", &["-y,x-y,z", "y,x,-z"]),
+    ("3m", &["-y,x-y,z", "-y,-x,z"]), ("-3m", &["-y,x-y,z", "-y,-x,z", "-x,-y,-z"]),
+    ("6", &["x-y,x,z"]), ("-6", &["-y,x-y,z", "x,y,-z"]), ("6/m", &["x-y,x,z", "-x,-y,-z"]), ("622", &["x-y,x,z", "y,x,-z"]),
+    ("6mm", &["x-y,x,z", "-y,-x,z"]), ("-6m2", &["-y,x-y,z", "x,y,-z", "-y,-x,z"]), ("6/mmm", &["x-y,x,z", "y,x,-z", "-x,-y,-z"]),
+    ("23", &["z,x,y", "-x,-y,z"]), ("m-3", &["z,x,y", "-x,-y,z", "-x,-y,-z"]), ("432", &["z,x,y", "-y,x,z"]),
+    ("-43m", &["z,x,y", "y,-x,-z"]), ("m-3m", &["z,x,y", "-y,x,z", "-x,-y,-z"]),
+];
+
+/// The trigonal groups on rhombohedral axes.
+const RHOMBOHEDRAL: [(&str, &[&str]); 5] = [
+    ("3", &["z,x,y"]),
+    ("-3", &["z,x,y", "-x,-y,-z"]),
+    ("32", &["z,x,y", "-y,-x,-z"]),
+    ("3m", &["z,x,y", "y,x,z"]),
+    ("-3m", &["z,x,y", "y,x,z", "-x,-y,-z"]),
+];
+
+/// The full group of each system's lattice.
+const FULL: [(&str, &str); 7] = [
+    ("cubic", "m-3m"),
+    ("tetragonal", "4/mmm"),
+    ("orthorhombic", "mmm"),
+    ("hexagonal", "6/mmm"),
+    ("rhombohedral", "-3m"),
+    ("monoclinic", "2/m"),
+    ("triclinic", "-1"),
+];
+
+/// Names of the 32 point groups.
+pub fn group_names() -> impl Iterator<Item = &'static str> {
+    GROUPS.iter().map(|row| row.0)
+}
+
+/// Why there is no such crystal.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum FormError {
+    /// A word that names nothing.
+    #[error("no {what} is named {name:?}; expected one of {known}")]
+    Unknown {
+        /// What it should name.
+        what: &'static str,
+        /// The word.
+        name: String,
+        /// What there is.
+        known: String,
+    },
+    /// A length or an angle that makes no cell.
+    #[error("{name} = {value}; expected {expected}")]
+    Axis {
+        /// Which one.
+        name: String,
+        /// Its value.
+        value: f64,
+        /// The range.
+        expected: &'static str,
+    },
+    /// A group that turns the lattice into another.
+    #[error("the group {group} is none of this {system} lattice: {operator} changes its axes")]
+    Group {
+        /// The group.
+        group: String,
+        /// The system.
+        system: String,
+        /// The operator.
+        operator: String,
+    },
+    /// A plane without direction.
+    #[error("the plane [0, 0, 0]; expected indices that are not all 0")]
+    Zero,
+    /// A distance out of range.
+    #[error("the form {{{} {} {}}} lies at distance {distance}; expected a finite number more than 0", hkl[0], hkl[1], hkl[2])]
+    Distance {
+        /// A plane of the form.
+        hkl: [i32; 3],
+        /// Its distance.
+        distance: f64,
+    },
+    /// Too many planes.
+    #[error("{0} planes; expected at most 400")]
+    TooMany(usize),
+    /// Planes that leave a way out.
+    #[error("the planes enclose nothing: {0}; add a form that closes the crystal")]
+    Open(String),
+    /// A form that the crystal does not have.
+    #[error("the crystal has no form {{{} {} {}}}", .0[0], .0[1], .0[2])]
+    NoForm([i32; 3]),
+}
+
+/// A crystal: lattice, point group, forms with distances.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Form {
+    /// Columns: the lattice vectors.
+    lattice: Mat3,
+    group: PointGroup<3>,
+    /// Indices of a plane of each form, and its distance.
+    pub planes: Vec<([i32; 3], f64)>,
+}
+
+impl Form {
+    /// A crystal without planes yet: a lattice system with its axes and angles (degrees), a group by name;
+    /// without one, the lattice's own.
+    ///
+    /// # Errors
+    /// [`FormError`] names what does not fit.
+    pub fn new(
+        system: &str,
+        axes: &[(String, f64)],
+        group: Option<&str>,
+    ) -> Result<Self, FormError> {
+        let Some((_, free)) = SYSTEMS.iter().find(|row| row.0 == system) else {
+            return Err(FormError::Unknown {
+                what: "lattice system",
+                name: system.to_owned(),
+                known: SYSTEMS.map(|row| row.0).join(", "),
+            });
+        };
+        let (mut lengths, mut angles) = ([1.0; 3], [90.0; 3]);
+        if system == "hexagonal" {
+            angles[2] = 120.0;
+        }
+        for (name, value) in axes {
+            if !free.contains(&name.as_str()) {
+                return Err(FormError::Unknown {
+                    what: "free axis or angle",
+                    name: name.clone(),
+                    known: free.join(", "),
+                });
+            }
+            let place = |names: [&str; 3]| names.iter().position(|n| n == name);
+            let wrong = |expected| FormError::Axis {
+                name: name.clone(),
+                value: *value,
+                expected,
+            };
+            if let Some(k) = place(["a", "b", "c"]) {
+                if !(value.is_finite() && *value > 0.0) {
+                    return Err(wrong("a length more than 0"));
+                }
+                lengths[k] = *value;
+            }
+            if let Some(k) = place(["alpha", "beta", "gamma"]) {
+                if !(*value > 0.0 && *value < 180.0) {
+                    return Err(wrong("an angle between 0 and 180 degrees"));
+                }
+                angles[k] = *value;
+            }
+        }
+        let given = |n: &str| axes.iter().any(|a| a.0 == n);
+        match system {
+            "cubic" | "rhombohedral" => lengths = [lengths[0]; 3],
+            "tetragonal" | "hexagonal" => lengths[1] = lengths[0],
+            _ => {}
+        }
+        if matches!(system, "tetragonal" | "hexagonal") && !given("c") {
+            lengths[2] = lengths[0];
+        }
+        if system == "rhombohedral" {
+            angles = [angles[0]; 3];
+        }
+        let lattice = columns(lengths, angles).ok_or(FormError::Axis {
+            name: "alpha, beta, gamma".into(),
+            value: angles.iter().sum(),
+            expected: "three angles that close a cell",
+        })?;
+        let own = FULL.iter().find(|row| row.0 == system).map_or("1", |r| r.1);
+        let name = group.unwrap_or(own);
+        let rows: Vec<&(&str, &[&str])> = match system {
+            "rhombohedral" => RHOMBOHEDRAL.iter().chain(&GROUPS[..2]).collect(),
+            _ => GROUPS.iter().collect(),
+        };
+        let Some((_, generators)) = rows.iter().find(|row| row.0 == name) else {
+            let known: Vec<&str> = rows.iter().map(|row| row.0).collect();
+            return Err(FormError::Unknown {
+                what: "point group",
+                name: name.to_owned(),
+                known: known.join(", "),
+            });
+        };
+        let operators: Vec<Operator<3>> = generators
+            .iter()
+            .map(|g| {
+                g.parse()
+                    .unwrap_or_else(|_| unreachable!("a row of the table: {g}"))
+            })
+            .collect();
+        let group = PointGroup::generated(name, &operators)
+            .unwrap_or_else(|e| unreachable!("a row of the table: {e}"));
+        // An operator is a symmetry of the lattice if it keeps its metric.
+        let metric = lattice.transpose() * lattice;
+        for operator in group.operators() {
+            let column = |k: usize| {
+                let mut e = [0.0; 3];
+                e[k] = 1.0;
+                Vec3::from(operator.apply(e))
+            };
+            let m = Mat3::from_columns(&[column(0), column(1), column(2)]);
+            let changed = (m.transpose() * metric * m - metric).amax();
+            if changed > 1e-9 * metric.amax() {
+                return Err(FormError::Group {
+                    group: name.to_owned(),
+                    system: system.to_owned(),
+                    operator: operator.to_string(),
+                });
+            }
+        }
+        Ok(Self {
+            lattice,
+            group,
+            planes: Vec::new(),
+        })
+    }
+
+    /// Adds a form: the plane `hkl` and its images, at a distance from the origin.
+    ///
+    /// # Errors
+    /// [`FormError::Zero`], [`FormError::Distance`].
+    pub fn add(&mut self, hkl: [i32; 3], distance: f64) -> Result<(), FormError> {
+        if hkl == [0; 3] {
+            return Err(FormError::Zero);
+        }
+        if !(distance.is_finite() && distance > 0.0) {
+            return Err(FormError::Distance { hkl, distance });
+        }
+        self.planes.push((hkl, distance));
+        Ok(())
+    }
+
+    /// Moves a form outward by a distance, or inward by a negative one; its planes keep their directions.
+    ///
+    /// # Errors
+    /// [`FormError::NoForm`], [`FormError::Distance`].
+    pub fn push(&mut self, hkl: [i32; 3], by: f64) -> Result<(), FormError> {
+        let orbit = self.orbit(hkl);
+        let found = self.planes.iter_mut().find(|p| orbit.contains(&p.0));
+        let Some((_, distance)) = found else {
+            return Err(FormError::NoForm(hkl));
+        };
+        let moved = *distance + by;
+        if !(moved.is_finite() && moved > 0.0) {
+            return Err(FormError::Distance {
+                hkl,
+                distance: moved,
+            });
+        }
+        *distance = moved;
+        Ok(())
+    }
+
+    /// The indices of all planes of a form.
+    pub fn orbit(&self, hkl: [i32; 3]) -> BTreeSet<[i32; 3]> {
+        let images = self.group.operators().iter();
+        images.map(|o| o.apply_to_frequency(hkl)).collect()
+    }
+
+    /// The crystal: every form is a group, in the order of the forms.
+    ///
+    /// # Errors
+    /// [`FormError::Open`], [`FormError::TooMany`].
+    pub fn mesh(&self) -> Result<PolyMesh, FormError> {
+        let reciprocal = self
+            .lattice
+            .try_inverse()
+            .unwrap_or_else(Mat3::identity)
+            .transpose();
+        let mut planes: Vec<(Vec3, f64, u32)> = Vec::new();
+        for (n, &(hkl, distance)) in self.planes.iter().enumerate() {
+            for image in self.orbit(hkl) {
+                let normal = unit(reciprocal * Vec3::from(image.map(f64::from)));
+                planes.extend(normal.map(|normal| (normal, distance, n as u32 + 1)));
+            }
+        }
+        if planes.len() > 400 {
+            return Err(FormError::TooMany(planes.len()));
+        }
+        convex(&planes)
+    }
+}
+
+/// Lattice vectors of given lengths and angles: a along x, b in the plane of x and y.
+fn columns(lengths: [f64; 3], angles: [f64; 3]) -> Option<Mat3> {
+    // Right angles are exact.
+    let cosine = angles.map(|a| if a == 90.0 { 0.0 } else { a.to_radians().cos() });
+    let cosine = [0, 1, 2].map(|k| if angles[k] == 120.0 { -0.5 } else { cosine[k] });
+    let sine = (1.0 - cosine[2] * cosine[2]).sqrt();
+    let cy = (cosine[0] - cosine[1] * cosine[2]) / sine;
+    let cz = 1.0 - cosine[1] * cosine[1] - cy * cy;
+    if cz <= 1e-12 {
+        return None;
+    }
+    let a = Vec3::new(lengths[0], 0.0, 0.0);
+    let b = Vec3::new(cosine[2], sine, 0.0) * lengths[1];
+    let c = Vec3::new(cosine[1], cy, cz.sqrt()) * lengths[2];
+    Some(Mat3::from_columns(&[a, b, c]))
+}
+
+/// The polyhedron of points with n.x <= d for all planes.
+fn convex(planes: &[(Vec3, f64, u32)]) -> Result<PolyMesh, FormError> {
+    let size = planes.iter().map(|p| p.1).fold(0.0, f64::max);
+    let close = 1e-9 * size;
+    let mut points: Vec<Vec3> = Vec::new();
+    for i in 0..planes.len() {
+        for j in i + 1..planes.len() {
+            for k in j + 1..planes.len() {
+                let (a, b, c) = (planes[i], planes[j], planes[k]);
+                let across = b.0.cross(&c.0);
+                let determinant = a.0.dot(&across);
+                if determinant.abs() < 1e-9 {
+                    continue;
+                }
+                let p =
+                    (a.1 * across + b.1 * c.0.cross(&a.0) + c.1 * a.0.cross(&b.0)) / determinant;
+                let inside = planes.iter().all(|(n, d, _)| n.dot(&p) <= d + close);
+                if inside && !points.iter().any(|q| (p - q).norm() < 10.0 * close) {
+                    points.push(p);
+                }
+            }
+        }
+    }
+    if points.len() < 4 {
+        return Err(FormError::Open("no corners".into()));
+    }
+    let mut number = vec![u32::MAX; points.len()];
+    let mut vertices = Vec::new();
+    let (mut faces, mut groups) = (Faces::default(), Vec::new());
+    for &(normal, distance, group) in planes {
+        let mut on: Vec<usize> = (0..points.len())
+            .filter(|&v| normal.dot(&points[v]) > distance - 10.0 * close)
+            .collect();
+        if on.len() < 3 {
+            continue;
+        }
+        let centre = on.iter().map(|&v| points[v]).sum::<Vec3>() / on.len() as f64;
+        let Some(x) = unit(points[on[0]] - centre) else {
+            continue;
+        };
+        let y = normal.cross(&x);
+        let angle = |v: usize| {
+            let p = points[v] - centre;
+            // The first corner stands at 0, whichever side rounding puts it.
+            let a = p.dot(&y).atan2(p.dot(&x));
+            if a < -1e-9 {
+                a + std::f64::consts::TAU
+            } else {
+                a
+            }
+        };
+        on.sort_by(|&a, &b| angle(a).total_cmp(&angle(b)));
+        faces.push(on.into_iter().map(|v| {
+            if number[v] == u32::MAX {
+                number[v] = vertices.len() as u32;
+                vertices.push(points[v]);
+            }
+            number[v]
+        }));
+        groups.push(group);
+    }
+    PolyMesh::new(vertices, faces, groups).map_err(|e| {
+        FormError::Open(match e {
+            PolyError::Open { .. } | PolyError::Empty => "they leave a way out".into(),
+            other => other.to_string(),
+        })
+    })
+}

@@ -1,0 +1,369 @@
+//! Scripts: a model as text, one step a line, replayed to the same mesh every time.
+//!
+//! ```text
+//! param t = 1/3                          # set from outside, or as it stands
+//! cube edge=1
+//! repeat 2 { remesh checkerboard t=t; extrude cubical group=1 dihedral=90 tiers=[-1] }
+//! ```
+//!
+//! Steps end with their line or with `;`, `#` begins a comment, `repeat N { ... }` nests, numbers may be
+//! expressions (angles in degrees). [`VERBS`] lists the steps.
+//!
+//! ```
+//! use druse::polymesh::{NoFiles, Script, Workshop};
+//! let script = Script::parse("param n = 1\ncube\nrepeat n { extrude tetrahedral group=1 }").unwrap();
+//! let mut workshop = Workshop::new(&NoFiles);
+//! workshop.set("n", "1").unwrap();
+//! script.run(&mut workshop, None).unwrap();
+//! assert_eq!(workshop.mesh().unwrap().face_count(), 24);
+//! let error = Script::parse("cube\nextrud cubical group=1").unwrap_err();
+//! assert_eq!(error.to_string(), "line 2: no step is called \"extrud\"; did you mean \"extrude\"?");
+//! ```
+
+use super::expression::Expression;
+use super::history::{History, Model};
+use super::{PolyMesh, seed};
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::Arc;
+
+mod argument;
+mod parse;
+mod step;
+
+use argument::Statement;
+
+/// The steps of a script, with their arguments.
+#[rustfmt::skip]
+pub const VERBS: &[(&str, &str)] = &[
+    ("SOLID", "edge=1: any of the 5 Platonic and 13 Archimedean solids by name"),
+    ("polygon", "n=5 edge=1: a two-sided n-gon, face 0 up"),
+    ("prism", "n=6 edge=1 height=1"),
+    ("antiprism", "n=6 edge=1 height=: equilateral triangles without a height"),
+    ("pyramid", "n=4 edge=1 height=: equilateral triangles where they can be"),
+    ("grid", "counts=[2, 2, 2] edge=1: the surface of a block of cubes"),
+    ("torus", "major=2 minor=0.5 counts=[16, 8]"),
+    ("form", "SYSTEM group=m-3m a=1 ... [h,k,l]=DISTANCE ...: a crystal of the forms {hkl}"),
+    ("push", "[h,k,l] BY: moves a form of that crystal out or in"),
+    ("load", "FILE group_by=material|color|object weld=0 flip=false"),
+    ("extrude", "KIND FACES dihedral=|tilt= tiers=[...] iterations=1 level=false phase=0"),
+    ("remesh", "SCHEME parameters groups=class|keep|parent|distinct|[1, 2, 3]"),
+    ("assign", "FACES ID|new"),
+    ("merge", "ID ID ...: puts all into the first"),
+    ("renumber", "groups from 1, in order of their numbers"),
+    ("startvertex", "FACES toward=[x, y, z] | at=VERTEX | lowest"),
+    ("symmetrize", "rotations=false: a group for each orbit of faces"),
+    ("move", "[x, y, z]"),
+    ("turn", "[x, y, z] ANGLE: about an axis through the origin"),
+    ("scale", "FACTOR"),
+    ("save", "FILE"),
+];
+
+/// Most steps that a script may take, loops unrolled.
+const MOST_STEPS: usize = 100_000;
+
+/// What is wrong with a script, and where.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ScriptError {
+    /// The line, from 1.
+    pub line: usize,
+    /// The character in the line, from 1.
+    pub column: usize,
+    /// What was found and what was expected.
+    pub message: String,
+    /// What to do.
+    pub hint: Option<String>,
+}
+
+impl std::fmt::Display for ScriptError {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "line {}: {}", self.line, self.message)?;
+        self.hint.as_ref().map_or(Ok(()), |h| write!(f, "; {h}"))
+    }
+}
+
+impl std::error::Error for ScriptError {}
+
+/// Where a script's files are: `load` and `save` ask it.
+pub trait Files {
+    /// Reads a mesh; options are those of the step (`group_by`, `weld`, `flip`).
+    ///
+    /// # Errors
+    /// What was found and expected.
+    fn load(&self, path: &Path, options: &LoadOptions) -> Result<Loaded, String>;
+    /// Writes a mesh.
+    ///
+    /// # Errors
+    /// Why not.
+    fn save(&self, path: &Path, mesh: &PolyMesh) -> Result<(), String>;
+}
+
+/// How a file is read.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct LoadOptions {
+    /// What makes a group.
+    pub group_by: GroupBy,
+    /// Vertices nearer than this become one; 0 keeps them.
+    pub weld: f64,
+    /// Whether faces are turned inside out.
+    pub flip: bool,
+}
+
+/// What makes a group of a file.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum GroupBy {
+    /// The material's name, or `groupN`.
+    #[default]
+    Material,
+    /// The material's colour.
+    Color,
+    /// The names of `g` and `o`.
+    Object,
+}
+
+/// A mesh from a file.
+#[derive(Clone, Debug)]
+pub struct Loaded {
+    /// The mesh.
+    pub mesh: PolyMesh,
+    /// What looked odd.
+    pub warnings: Vec<String>,
+}
+
+/// No files: `load` and `save` fail.
+pub struct NoFiles;
+
+impl Files for NoFiles {
+    fn load(&self, _: &Path, _: &LoadOptions) -> Result<Loaded, String> {
+        Err("no files can be read here".into())
+    }
+    fn save(&self, _: &Path, _: &PolyMesh) -> Result<(), String> {
+        Err("no files can be written here".into())
+    }
+}
+
+/// A note about a step.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Note {
+    /// The step's line.
+    pub line: usize,
+    /// A sentence in lower case.
+    pub text: String,
+}
+
+/// Where steps are carried out: the model, its history, parameters and notes.
+pub struct Workshop<'a> {
+    history: History,
+    files: &'a dyn Files,
+    parameters: BTreeMap<String, f64>,
+    overrides: BTreeMap<String, f64>,
+    notes: Vec<Note>,
+    steps: usize,
+}
+
+impl<'a> Workshop<'a> {
+    /// An empty workshop that remembers one step: enough for a script.
+    pub fn new(files: &'a dyn Files) -> Self {
+        Self::remembering(files, 1)
+    }
+
+    /// An empty workshop that remembers so many steps to undo.
+    pub fn remembering(files: &'a dyn Files, steps: usize) -> Self {
+        Self {
+            history: History::new(steps),
+            files,
+            parameters: BTreeMap::new(),
+            overrides: BTreeMap::new(),
+            notes: Vec::new(),
+            steps: 0,
+        }
+    }
+
+    /// Overrides a parameter; the value may be an expression.
+    ///
+    /// # Errors
+    /// When the value is none.
+    pub fn set(&mut self, name: &str, value: &str) -> Result<(), String> {
+        let parsed = Expression::parse(value).map_err(|e| e.message)?;
+        let number = parsed.number(&|_, _| None).map_err(|e| e.message)?;
+        self.overrides.insert(name.to_owned(), number);
+        Ok(())
+    }
+
+    /// The mesh as it is.
+    pub fn mesh(&self) -> Option<&PolyMesh> {
+        self.history.model().mesh.as_deref()
+    }
+
+    /// The mesh as it is, shared.
+    pub fn shared(&self) -> Option<Arc<PolyMesh>> {
+        self.history.model().mesh.clone()
+    }
+
+    /// The model as it is.
+    pub fn model(&self) -> &Model {
+        self.history.model()
+    }
+
+    /// What was done, undone and can be done again.
+    pub fn history(&mut self) -> &mut History {
+        &mut self.history
+    }
+
+    /// The steps that made the model, as far as they are remembered.
+    pub fn steps(&self) -> Vec<String> {
+        self.history.steps().map(str::to_owned).collect()
+    }
+
+    /// Takes the notes since the last time.
+    pub fn take_notes(&mut self) -> Vec<Note> {
+        std::mem::take(&mut self.notes)
+    }
+
+    fn note(&mut self, line: usize, text: String) {
+        let note = Note { line, text };
+        if !self.notes.contains(&note) {
+            self.notes.push(note);
+        }
+    }
+}
+
+/// A parsed script.
+#[derive(Clone, Debug)]
+pub struct Script {
+    items: Vec<Item>,
+}
+
+#[derive(Clone, Debug)]
+enum Item {
+    Parameter {
+        name: String,
+        value: Expression,
+        line: usize,
+        column: usize,
+    },
+    Repeat {
+        count: Expression,
+        body: Vec<Item>,
+        line: usize,
+        column: usize,
+    },
+    Step(Statement),
+}
+
+impl Script {
+    /// Reads a script.
+    ///
+    /// # Errors
+    /// [`ScriptError`]: brackets that do not match, a step that does not exist.
+    pub fn parse(text: &str) -> Result<Self, ScriptError> {
+        parse::script(text)
+    }
+
+    /// Names of its parameters.
+    pub fn parameters(&self) -> Vec<&str> {
+        self.items
+            .iter()
+            .filter_map(|item| match item {
+                Item::Parameter { name, .. } => Some(name.as_str()),
+                _ => None,
+            })
+            .collect()
+    }
+
+    /// Carries it out, up to and with a line if one is given.
+    ///
+    /// # Errors
+    /// [`ScriptError`] at the step that cannot be done; the model stays as it was before it.
+    pub fn run(&self, workshop: &mut Workshop, until: Option<usize>) -> Result<(), ScriptError> {
+        let known = self.parameters();
+        for name in workshop.overrides.keys() {
+            if !known.contains(&name.as_str()) {
+                let list = if known.is_empty() {
+                    "none".to_owned()
+                } else {
+                    known.join(", ")
+                };
+                return Err(ScriptError {
+                    line: 1,
+                    column: 1,
+                    message: format!("no parameter is named {name:?}; the script has {list}"),
+                    hint: nearest(name, &known).map(|w| format!("did you mean {w:?}?")),
+                });
+            }
+        }
+        items(&self.items, workshop, until.unwrap_or(usize::MAX)).map(|_| ())
+    }
+}
+
+/// Carries items out; whether to go on.
+fn items(list: &[Item], workshop: &mut Workshop, until: usize) -> Result<bool, ScriptError> {
+    for item in list {
+        match item {
+            Item::Parameter { line, .. } | Item::Repeat { line, .. } if *line > until => {
+                return Ok(false);
+            }
+            Item::Parameter {
+                name,
+                value,
+                line,
+                column,
+            } => {
+                let value = match workshop.overrides.get(name) {
+                    Some(&value) => value,
+                    None => argument::number(value, workshop, *line, *column)?,
+                };
+                workshop.parameters.insert(name.clone(), value);
+            }
+            Item::Repeat {
+                count,
+                body,
+                line,
+                column,
+            } => {
+                let times = argument::number(count, workshop, *line, *column)?;
+                if times.fract() != 0.0 || !(0.0..=1e5).contains(&times) {
+                    return Err(ScriptError {
+                        line: *line,
+                        column: *column,
+                        message: format!(
+                            "repeat {times}; expected a whole number from 0 to 100000"
+                        ),
+                        hint: None,
+                    });
+                }
+                for _ in 0..times as usize {
+                    if !items(body, workshop, until)? {
+                        return Ok(false);
+                    }
+                }
+            }
+            Item::Step(statement) => {
+                if statement.line > until {
+                    return Ok(false);
+                }
+                workshop.steps += 1;
+                if workshop.steps > MOST_STEPS {
+                    return Err(statement.fault(0, format!("more than {MOST_STEPS} steps")));
+                }
+                step::carry_out(statement, workshop)?;
+            }
+        }
+    }
+    Ok(true)
+}
+
+/// Whether a word begins a step.
+fn is_verb(word: &str) -> bool {
+    VERBS.iter().any(|v| v.0 == word && word != "SOLID") || seed::solids().contains(&word)
+}
+
+/// The known word nearest to one, if any is near.
+fn nearest<'a, S: AsRef<str> + ?Sized>(word: &str, known: &'a [&S]) -> Option<&'a str> {
+    known
+        .iter()
+        .map(|k| (strsim::damerau_levenshtein(word, k.as_ref()), k.as_ref()))
+        .filter(|(distance, k)| *distance <= 1 + k.len() / 4)
+        .min_by_key(|(distance, _)| *distance)
+        .map(|(_, k)| k)
+}

@@ -1,0 +1,232 @@
+//! The text of a script as items.
+
+use super::argument::{Statement, Word};
+use super::{Expression, Item, Script, ScriptError, VERBS, is_verb, nearest, seed};
+
+/// Deepest nesting of loops.
+const DEPTH: usize = 20;
+
+pub(super) fn script(text: &str) -> Result<Script, ScriptError> {
+    let mut reader = Reader {
+        text,
+        at: 0,
+        line: 1,
+        line_start: 0,
+    };
+    let items = reader.items(0, None)?;
+    Ok(Script { items })
+}
+
+struct Reader<'a> {
+    text: &'a str,
+    at: usize,
+    line: usize,
+    line_start: usize,
+}
+
+impl Reader<'_> {
+    fn place(&self) -> (usize, usize) {
+        let column = self.text[self.line_start..self.at].chars().count() + 1;
+        (self.line, column)
+    }
+
+    fn fault(&self, (line, column): (usize, usize), message: impl Into<String>) -> ScriptError {
+        ScriptError {
+            line,
+            column,
+            message: message.into(),
+            hint: None,
+        }
+    }
+
+    fn peek(&self) -> Option<char> {
+        self.text[self.at..].chars().next()
+    }
+
+    fn bump(&mut self) -> Option<char> {
+        let c = self.peek()?;
+        self.at += c.len_utf8();
+        if c == '\n' {
+            self.line += 1;
+            self.line_start = self.at;
+        }
+        Some(c)
+    }
+
+    fn comment(&mut self) {
+        while self.peek().is_some_and(|c| c != '\n') {
+            self.bump();
+        }
+    }
+
+    /// Items up to the end, or to the "}" of a block opened at `opened`.
+    fn items(
+        &mut self,
+        depth: usize,
+        opened: Option<(usize, usize)>,
+    ) -> Result<Vec<Item>, ScriptError> {
+        let mut items = Vec::new();
+        loop {
+            match self.peek() {
+                None => {
+                    return match opened {
+                        None => Ok(items),
+                        Some(place) => Err(self.fault(place, "\"{\" without its \"}\"")),
+                    };
+                }
+                Some('}') => {
+                    let place = self.place();
+                    self.bump();
+                    return match opened {
+                        Some(_) => Ok(items),
+                        None => Err(self.fault(place, "\"}\" without its \"{\"")),
+                    };
+                }
+                Some('#') => self.comment(),
+                Some(c) if c.is_whitespace() || c == ';' => drop(self.bump()),
+                Some(_) => items.push(self.item(depth)?),
+            }
+        }
+    }
+
+    fn item(&mut self, depth: usize) -> Result<Item, ScriptError> {
+        let place = self.place();
+        let start = self.at;
+        let first = self.word()?;
+        match first.text.as_str() {
+            "param" => {
+                let rest = self.raw(&['\n', ';', '}'])?;
+                let Some((name, value)) = rest.text.split_once('=') else {
+                    return Err(self.fault(place, "expected param NAME = VALUE"));
+                };
+                let name = name.trim();
+                let good = name.starts_with(|c: char| c.is_ascii_alphabetic())
+                    && name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_');
+                if !good {
+                    return Err(self.fault(place, format!("{name:?} is no name for a parameter")));
+                }
+                let column = rest.column + rest.text.find('=').unwrap_or(0) + 1;
+                Ok(Item::Parameter {
+                    name: name.to_owned(),
+                    value: parsed(value, rest.line, column)?,
+                    line: place.0,
+                    column,
+                })
+            }
+            "repeat" => {
+                if depth >= DEPTH {
+                    return Err(self.fault(place, format!("loops nest more than {DEPTH} deep")));
+                }
+                let count = self.raw(&['{', '\n', ';'])?;
+                if self.peek() != Some('{') {
+                    return Err(self.fault(place, "expected repeat COUNT { ... }"));
+                }
+                let opened = self.place();
+                self.bump();
+                let (line, column) = (count.line, count.column);
+                Ok(Item::Repeat {
+                    count: parsed(&count.text, line, column)?,
+                    body: self.items(depth + 1, Some(opened))?,
+                    line,
+                    column,
+                })
+            }
+            verb => {
+                if !is_verb(verb) {
+                    let mut known: Vec<&str> = VERBS[1..].iter().map(|v| v.0).collect();
+                    known.extend(seed::solids());
+                    known.extend(["param", "repeat"]);
+                    let mut error = self.fault(place, format!("no step is called {verb:?}"));
+                    error.hint = nearest(verb, &known).map(|w| format!("did you mean {w:?}?"));
+                    return Err(error);
+                }
+                let mut words = Vec::new();
+                loop {
+                    match self.peek() {
+                        None | Some('\n' | ';' | '}' | '#') => break,
+                        Some(c) if c.is_whitespace() => drop(self.bump()),
+                        Some(_) => words.push(self.word()?),
+                    }
+                }
+                Ok(Item::Step(Statement {
+                    verb: verb.to_owned(),
+                    words,
+                    text: self.text[start..self.at].trim_end().to_owned(),
+                    line: place.0,
+                    column: place.1,
+                }))
+            }
+        }
+    }
+
+    /// The next word: up to a blank outside brackets and quotes.
+    fn word(&mut self) -> Result<Word, ScriptError> {
+        let (line, column) = self.place();
+        let start = self.at;
+        let mut open: Vec<char> = Vec::new();
+        while let Some(c) = self.peek() {
+            let ends = c.is_whitespace() || matches!(c, ';' | '{' | '}' | '#');
+            if open.is_empty() && ends {
+                break;
+            }
+            match c {
+                '"' => {
+                    self.bump();
+                    while self.peek().is_some_and(|c| c != '"' && c != '\n') {
+                        self.bump();
+                    }
+                    if self.peek() != Some('"') {
+                        return Err(self.fault((line, column), "a quotation mark without its pair"));
+                    }
+                }
+                '(' => open.push(')'),
+                '[' => open.push(']'),
+                ')' | ']' if open.pop() != Some(c) => {
+                    return Err(self.fault(self.place(), format!("{c:?} without its pair")));
+                }
+                '\n' | ';' | '#' => break,
+                _ => {}
+            }
+            self.bump();
+        }
+        if let Some(c) = open.pop() {
+            return Err(self.fault((line, column), format!("a bracket without its {c:?}")));
+        }
+        if self.at == start {
+            let found = self.peek().map_or("the end".into(), |c| format!("{c:?}"));
+            return Err(self.fault((line, column), format!("found {found}; expected a step")));
+        }
+        Ok(Word {
+            text: self.text[start..self.at].to_owned(),
+            line,
+            column,
+        })
+    }
+
+    /// Text up to one of some characters, or a comment.
+    fn raw(&mut self, ends: &[char]) -> Result<Word, ScriptError> {
+        while self.peek().is_some_and(|c| c == ' ' || c == '\t') {
+            self.bump();
+        }
+        let (line, column) = self.place();
+        let start = self.at;
+        while self.peek().is_some_and(|c| c != '#' && !ends.contains(&c)) {
+            self.bump();
+        }
+        let text = self.text[start..self.at].trim_end().to_owned();
+        if text.is_empty() {
+            return Err(self.fault((line, column), "found nothing; expected a value"));
+        }
+        Ok(Word { text, line, column })
+    }
+}
+
+/// An expression at a place.
+fn parsed(text: &str, line: usize, column: usize) -> Result<Expression, ScriptError> {
+    Expression::parse(text).map_err(|e| ScriptError {
+        line,
+        column: column + text[..e.at.min(text.len())].chars().count(),
+        message: format!("in {:?}: {}", text.trim(), e.message),
+        hint: None,
+    })
+}

@@ -1,0 +1,177 @@
+//! The mesh's own point group, and faces put into groups by its orbits.
+//!
+//! A symmetry is an isometry about the mesh's middle that carries faces onto faces. It is found as a map of
+//! corners: where one corner goes decides where all go, by walking over the mesh.
+
+use super::PolyMesh;
+use super::polygon::unit;
+use super::topology::Ring;
+use crate::frame::{Mat3, Vec3};
+
+/// A symmetry of a mesh.
+#[derive(Clone, Debug)]
+pub struct Symmetry {
+    /// Its matrix, about the mean of the vertices.
+    pub matrix: Mat3,
+    /// The image of each face.
+    pub faces: Vec<u32>,
+    /// The image of each vertex.
+    pub vertices: Vec<u32>,
+}
+
+impl Symmetry {
+    /// Whether it turns, rather than mirrors.
+    pub fn is_rotation(&self) -> bool {
+        self.matrix.determinant() > 0.0
+    }
+}
+
+impl PolyMesh {
+    /// The mesh's point group: the identity first, then in the order of the images of its first corner,
+    /// rotations before mirrors. Points may be off by 1e-7 of the mesh's size.
+    ///
+    /// Meshes of several pieces give none, not even the identity.
+    pub fn symmetries(&self) -> Vec<Symmetry> {
+        if self.pieces().1 != 1 {
+            return Vec::new();
+        }
+        let finder = Finder::new(self);
+        let corners = finder.ring.next.len();
+        let start = finder.rarest();
+        let mut found = Vec::new();
+        for mirrored in [false, true] {
+            found.extend((0..corners).filter_map(|c| finder.image(start, c, mirrored)));
+        }
+        // The identity first.
+        let rest = found.iter().position(|s: &Symmetry| {
+            s.is_rotation() && s.vertices.iter().zip(0u32..).all(|(a, b)| *a == b)
+        });
+        if let Some(place) = rest {
+            let identity = found.remove(place);
+            found.insert(0, identity);
+        }
+        found
+    }
+
+    /// The mesh with a group for each orbit of faces, in order of their first faces, and start vertices that
+    /// are images of one another, by rotations where there are such. Gives the order of the group, too.
+    pub fn symmetrized(&self, rotations_only: bool) -> (Self, usize) {
+        let mut symmetries = self.symmetries();
+        if rotations_only {
+            symmetries.retain(Symmetry::is_rotation);
+        }
+        let mut groups = vec![0; self.face_count()];
+        let mut shift = vec![0; self.face_count()];
+        let mut orbits = 0;
+        for f in 0..self.face_count() {
+            if groups[f] != 0 {
+                continue;
+            }
+            orbits += 1;
+            groups[f] = orbits;
+            for s in &symmetries {
+                let g = s.faces[f] as usize;
+                if groups[g] == 0 {
+                    groups[g] = orbits;
+                    let start = s.vertices[self.face(f)[0] as usize];
+                    shift[g] = self.face(g).iter().position(|&v| v == start).unwrap_or(0);
+                }
+            }
+        }
+        let order = symmetries.len().max(1);
+        (self.with_starts(&shift).with_groups(groups), order)
+    }
+}
+
+struct Finder<'a> {
+    mesh: &'a PolyMesh,
+    ring: Ring<'a>,
+    middle: Vec3,
+    close: f64,
+}
+
+impl<'a> Finder<'a> {
+    fn new(mesh: &'a PolyMesh) -> Self {
+        let middle = mesh.vertices().iter().sum::<Vec3>() / mesh.vertex_count() as f64;
+        Self {
+            mesh,
+            ring: Ring::new(mesh),
+            middle,
+            close: 1e-7 * mesh.bounds().half_diagonal(),
+        }
+    }
+
+    /// A corner of a face with the rarest number of corners, so that few images are tried in vain.
+    fn rarest(&self) -> usize {
+        let mut counts = std::collections::BTreeMap::new();
+        for face in self.mesh.faces().iter() {
+            *counts.entry(face.len()).or_insert(0usize) += face.len();
+        }
+        let rare = counts.iter().min_by_key(|c| c.1).map_or(3, |c| *c.0);
+        let faces = 0..self.mesh.face_count();
+        let mut of_rare = faces.filter(|&f| self.mesh.face(f).len() == rare);
+        of_rare
+            .next()
+            .map_or(0, |f| self.mesh.faces().span(f).start)
+    }
+
+    /// Axes at a corner: along its edge, and across.
+    fn axes(&self, c: usize, mirrored: bool) -> Option<Mat3> {
+        let edge = if mirrored {
+            self.ring.prior(c)
+        } else {
+            self.ring.after(c)
+        };
+        let x = unit(self.ring.at(edge) - self.ring.at(c))?;
+        let z = self.mesh.normal(self.ring.face[c] as usize);
+        let y = unit(z.cross(&x))?;
+        let z = x.cross(&y);
+        Some(Mat3::from_columns(&[x, if mirrored { -y } else { y }, z]))
+    }
+
+    /// The symmetry that carries corner `from` to corner `to`, if there is one.
+    fn image(&self, from: usize, to: usize, mirrored: bool) -> Option<Symmetry> {
+        let ring = &self.ring;
+        let sides = |c: usize| self.mesh.face(ring.face[c] as usize).len();
+        if sides(from) != sides(to) {
+            return None;
+        }
+        let matrix = self.axes(to, mirrored)? * self.axes(from, false)?.transpose();
+        let mut image = vec![u32::MAX; ring.next.len()];
+        let mut open = vec![(from, to)];
+        // A corner in a mirror is one whose edge runs to the corner before it.
+        while let Some((c, d)) = open.pop() {
+            if image[c] != u32::MAX {
+                if image[c] as usize != d {
+                    return None;
+                }
+                continue;
+            }
+            let moved = matrix * (ring.at(c) - self.middle) + self.middle;
+            if (moved - ring.at(d)).norm() > self.close || sides(c) != sides(d) {
+                return None;
+            }
+            image[c] = d as u32;
+            if mirrored {
+                // c's edge leads to its next corner; d's to the one before it.
+                open.push((ring.after(c), ring.prior(d)));
+                let across = self.mesh.twin(ring.prior(d));
+                open.push((self.mesh.twin(c), ring.after(across)));
+            } else {
+                open.push((ring.after(c), ring.after(d)));
+                open.push((self.mesh.twin(c), self.mesh.twin(d)));
+            }
+        }
+        let mut faces = vec![0; self.mesh.face_count()];
+        let mut vertices = vec![0; self.mesh.vertex_count()];
+        for (c, &d) in image.iter().enumerate() {
+            faces[ring.face[c] as usize] = ring.face[d as usize];
+            vertices[ring.vertex(c)] = ring.vertex(d as usize) as u32;
+        }
+        Some(Symmetry {
+            matrix,
+            faces,
+            vertices,
+        })
+    }
+}
