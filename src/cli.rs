@@ -22,6 +22,7 @@ mod cell;
 mod check;
 mod completions;
 mod eval;
+mod crystal;
 mod failure;
 mod fit;
 mod info;
@@ -81,6 +82,8 @@ commands! {
     Fit => fit,
     /// Look into a cell.
     Cell => cell,
+    /// Model with polygons: carry out a script, and write or draw what it makes.
+    Crystal => crystal,
     /// Look into a scaffold.
     Scaffold => scaffold,
     /// The tiled field of a recipe at given points.

@@ -16,6 +16,7 @@ pub mod atomic;
 mod cell;
 mod cloud;
 mod collector;
+mod crystal;
 mod dlfl;
 mod error;
 mod facets;
@@ -23,8 +24,8 @@ mod graph;
 mod inp;
 mod mesh_file;
 mod msh;
-mod npy;
 mod mtl;
+mod npy;
 mod obj;
 mod obj_groups;
 mod ply;
@@ -39,11 +40,12 @@ mod vtk;
 
 pub use cell::{read_cell, write_cell};
 pub use cloud::{PointFile, TEXT_CLOUDS, read_points};
+pub use crystal::{DiskFiles, read_crystal, read_script};
 pub use error::{ErrorClass, Place, ReadError, WriteError};
 pub use graph::read_skeleton;
 pub use mesh_file::{MeshFile, MeshFormat, is_point_cloud, read_mesh, sniff, write_mesh};
-pub use npy::{NpyArray, read_npy};
 pub use mtl::color as group_color;
+pub use npy::{NpyArray, read_npy};
 pub use polymesh::{read_polymesh, write_polymesh};
 pub use scaffold::{
     DataField, ELEMENT_FORMATS, ElementFile, FieldAt, Group, ScaffoldFile, SurfaceFile,

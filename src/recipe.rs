@@ -26,6 +26,7 @@ use std::path::{Path, PathBuf};
 mod brief;
 mod cell;
 mod check;
+mod crystal;
 mod error;
 mod file;
 mod fit;
@@ -40,6 +41,7 @@ mod tiling;
 pub use brief::{Brief, Short};
 pub use cell::{Caps, CellSection, ElementName, Place as CellPlace, Solid};
 
+pub use crystal::CrystalSection;
 pub use error::{Place, RecipeError, RecipeFault};
 pub use file::{FileFrame, FileRef, Similarity, Up};
 pub use fit::{FitMethod, Solver, Symmetrise};
@@ -74,6 +76,9 @@ pub struct Sections {
     /// The palette of unit cells, by name.
     #[serde(default)]
     pub cell: BTreeMap<String, CellSection>,
+    /// Polygon meshes made by scripts, by name.
+    #[serde(default)]
+    pub crystal: BTreeMap<String, CrystalSection>,
     /// The mesh whose elements are filled.
     pub scaffold: Option<ScaffoldSection>,
     /// Which cells fill it.

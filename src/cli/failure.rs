@@ -3,6 +3,7 @@
 use super::Session;
 use crate::io::{ErrorClass, ReadError, WriteError};
 use crate::pipeline::RunError;
+use crate::polymesh::ScriptError;
 use crate::recipe::{Place, RecipeError, RecipeFault};
 use crate::vdb::{FileError, VdbError};
 use serde_json::{Value, json};
@@ -41,6 +42,26 @@ impl Failure {
             file: Some(file.display().to_string()),
             ..Self::default()
         }
+    }
+
+    /// A step of a script that cannot be read or carried out.
+    pub(super) fn script(file: &std::path::Path, text: &str, e: &ScriptError) -> Self {
+        Self {
+            line: Some(e.line as u64),
+            column: Some(e.column as u64),
+            excerpt: text.lines().nth(e.line - 1).map(str::to_owned),
+            hint: e.hint.clone(),
+            ..Self::data(file, e.message.clone())
+        }
+    }
+
+    /// The message and the hint, for a conversation that goes on.
+    pub(super) fn said(&self) -> String {
+        let hint = self.hint.as_ref();
+        hint.map_or_else(
+            || self.message.clone(),
+            |h| format!("{}; {h}", self.message),
+        )
     }
 
     /// Arguments that parse but make no sense together.

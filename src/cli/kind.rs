@@ -27,6 +27,8 @@ const TABLE: [(&str, FileKind); 12] = [
     ("obj", FileKind::Mesh),
     ("ply", FileKind::Mesh),
     ("3mf", FileKind::Mesh),
+    ("dlfl", FileKind::Mesh),
+    ("crystal", FileKind::Mesh),
     ("msh", FileKind::Scaffold),
     ("vtu", FileKind::Scaffold),
     ("vtk", FileKind::Scaffold),

@@ -1,9 +1,10 @@
-//! Triangle meshes by extension: one door to STL, PLY, OBJ and 3MF.
+//! Triangle meshes by extension: one door to STL, PLY, OBJ and 3MF, and to polygon meshes and scripts.
 
 use super::atomic::AtomicFile;
 use super::{Place, ReadError, Source, WriteError, obj, ply, stl, threemf};
 use crate::frame::LengthUnit;
 use crate::mesh::TriMesh;
+use crate::polymesh::LoadOptions;
 use std::path::Path;
 
 /// A mesh as a file gave it.
@@ -110,10 +111,15 @@ pub fn is_point_cloud(path: impl AsRef<Path>) -> Result<bool, ReadError> {
 
 /// Reads a mesh; the format follows from the extension, and a content that contradicts it is named.
 ///
+/// A `.dlfl` file and a `.crystal` script give the triangles of their polygons.
+///
 /// # Errors
 /// [`ReadError`] for a missing file, an unknown extension, or content that is not such a mesh.
 pub fn read_mesh(path: impl AsRef<Path>) -> Result<MeshFile, ReadError> {
     let path = path.as_ref();
+    if let Some(file) = polygons(path)? {
+        return Ok(file);
+    }
     let mut source = Source::open(path)?;
     let format = MeshFormat::of(path);
     let found = sniff(source.peek(512)?);
@@ -152,6 +158,30 @@ pub fn read_mesh(path: impl AsRef<Path>) -> Result<MeshFile, ReadError> {
         ));
     }
     Ok(file)
+}
+
+/// The triangles of a polygon mesh: of a script that makes one, or of a `.dlfl` file.
+fn polygons(path: &Path) -> Result<Option<MeshFile>, ReadError> {
+    let extension = path.extension().map(|e| e.to_ascii_lowercase());
+    let (mesh, warnings) = match extension.as_deref().and_then(|e| e.to_str()) {
+        Some("crystal") => {
+            let (mesh, notes) = super::read_crystal(path)?;
+            let notes = notes.iter().map(|n| format!("line {}: {}", n.line, n.text));
+            (mesh, notes.collect())
+        }
+        Some("dlfl") => {
+            let loaded = super::read_polymesh(path, &LoadOptions::default())?;
+            (loaded.mesh, loaded.warnings)
+        }
+        _ => return Ok(None),
+    };
+    let cut = mesh.triangulated();
+    let cut = cut.map_err(|e| ReadError::data(path, Place::File, e.to_string(), "a mesh"))?;
+    Ok(Some(MeshFile {
+        mesh: cut.mesh,
+        unit: None,
+        warnings,
+    }))
 }
 
 /// Writes a mesh whose coordinates are in `unit`, atomically; gives the file's size in bytes.

@@ -298,7 +298,14 @@ impl Form {
         for (n, &(hkl, distance)) in self.planes.iter().enumerate() {
             for image in self.orbit(hkl) {
                 let normal = unit(reciprocal * Vec3::from(image.map(f64::from)));
-                planes.extend(normal.map(|normal| (normal, distance, n as u32 + 1)));
+                let Some(normal) = normal else { continue };
+                // Of two planes with one direction the nearer counts, of equal ones the first.
+                let same = planes.iter_mut().find(|p| (p.0 - normal).norm() < 1e-9);
+                match same {
+                    Some(plane) if plane.1 <= distance => {}
+                    Some(plane) => *plane = (normal, distance, n as u32 + 1),
+                    None => planes.push((normal, distance, n as u32 + 1)),
+                }
             }
         }
         if planes.len() > 400 {

@@ -29,6 +29,7 @@ use std::sync::Arc;
 
 mod argument;
 mod parse;
+mod regroup;
 mod step;
 
 use argument::Statement;

@@ -109,10 +109,12 @@ fn pair(count: usize, faces: &Faces) -> Result<Vec<u32>, PolyError> {
     }
     drop(slot);
     let mut twins = vec![u32::MAX; starts.len()];
-    // The first fault by corner, so that the message does not depend on the order of the search.
+    // The first fault by corner, so that the message does not depend on the order of the search; open
+    // edges last, for they often follow from the others.
     let mut fault: Option<(u32, Option<u32>)> = None;
     let mut worse = |c: u32, other: Option<u32>| {
-        if fault.is_none_or(|(d, _)| c < d) {
+        let rank = |c: u32, other: Option<u32>| (other.is_none(), c);
+        if fault.is_none_or(|(d, known)| rank(c, other) < rank(d, known)) {
             fault = Some((c, other));
         }
     };

@@ -6,6 +6,7 @@ use super::output::OutputKind;
 use super::quantity::{Length, Size, Width};
 use super::source::Source;
 use super::{CellSection, FileRef, ScaffoldSection, Sections, Solid, TilingSection, VERSION};
+use crate::polymesh::Script;
 
 /// Cells that one tiling may blend.
 const MOST_CELLS: usize = 8;
@@ -23,6 +24,7 @@ pub(super) fn check(sections: &Sections, source: &Source) -> Checked {
             .hint("this program reads recipes that begin with druse = 1"));
     }
     cells(sections, source)?;
+    crystals(sections, source)?;
     scaffold(sections, source)?;
     if let Length::Voxels(_) = sections.band.voxel_size.0 {
         return Err(source.fault(
@@ -97,6 +99,32 @@ fn parts(cell: &CellSection, key: &str, source: &Source) -> Checked {
     if let Some(text) = &cell.formula {
         crate::field::Formula::parse(text, &["x", "y", "z"])
             .map_err(|e| source.fault(&format!("{key}.formula"), e.to_string()))?;
+    }
+    Ok(())
+}
+
+fn crystals(sections: &Sections, source: &Source) -> Checked {
+    for (name, crystal) in &sections.crystal {
+        let key = format!("crystal.{name}");
+        let script = match (&crystal.steps, &crystal.file) {
+            (Some(steps), None) => Script::parse(steps),
+            (None, Some(_)) => continue,
+            (steps, _) => {
+                let found = if steps.is_some() { "both" } else { "none" };
+                let message = format!("{key} needs exactly one of steps, file; found {found}");
+                return Err(source.fault(&key, message));
+            }
+        };
+        if let Err(e) = script {
+            let error = source.fault(
+                &format!("{key}.steps"),
+                format!("steps, line {}: {}", e.line, e.message),
+            );
+            return Err(match e.hint {
+                Some(hint) => error.hint(hint),
+                None => error,
+            });
+        }
     }
     Ok(())
 }

@@ -24,7 +24,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
     (
         "recipe",
         &[
-            "frame", "field", "mesh", "cell", "scaffold", "tiling", "band",
+            "frame", "field", "mesh", "cell", "scaffold", "tiling", "band", "polymesh",
         ],
     ),
     (

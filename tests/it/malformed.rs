@@ -139,7 +139,7 @@ fn script(path: &Path) -> Result<(), Refusal> {
     Ok(script.run(&mut workshop, None).map_err(|e| fault(&e))?)
 }
 
-const SCRIPT: &[u8] = b"param t = 1/3 # a third\ncube edge=1\nrepeat 2 { remesh checkerboard t=t; extrude cubical group=1 dihedral=90 tiers=[-0.9] }\nassign faces(abs(normal.z) < 0.5 and not near(1, 2, 3)) new\nextrude dodecahedral top dihedral=auto\nmerge 1 2\nstartvertex all toward=[0, 0, 1]\n";
+const SCRIPT: &[u8] = b"param t = 1/3 # a third\ncube edge=1\nrepeat 2 { remesh checkerboard t=t; extrude cubical group=1 dihedral=90 tiers=[-0.9] }\nassign faces(abs(normal.z) < 0.5 and not near(1, 2, 3)) new\nextrude dodecahedral top dihedral=auto\nrenumber\nstartvertex all toward=[0, 0, 1]\n";
 
 fn cell(path: &Path) -> Result<(), Refusal> {
     Ok(read_cell(path).map(drop)?)

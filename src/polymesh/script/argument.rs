@@ -274,27 +274,30 @@ impl<'s, 'w> Arguments<'s, 'w> {
         let Some(mesh) = &model.mesh else {
             return Err(self.fault("there is no mesh yet; begin with a solid such as cube"));
         };
-        let word = match self.value("group")? {
-            Some(word) => Word {
-                text: format!("group == ({})", word.text),
-                column: word.column.saturating_sub(10),
-                ..word
-            },
-            None => self.bare().cloned().ok_or_else(|| {
-                self.fault("expected its faces: group=N, faces(...), all, top or last")
-            })?,
+        let (word, text, shift) = match self.value("group")? {
+            Some(word) => {
+                let text = format!("group == ({})", word.text);
+                (word, text, -("group == (".len() as i64))
+            }
+            None => {
+                let word = self.bare().cloned();
+                let message = "expected its faces: group=N, faces(...), all, top or last";
+                let word = word.ok_or_else(|| self.fault(message))?;
+                let inner = word
+                    .text
+                    .strip_prefix("faces(")
+                    .and_then(|t| t.strip_suffix(')'));
+                match inner.map(str::to_owned) {
+                    Some(inner) => (word, inner, "faces(".len() as i64),
+                    None => (word.clone(), word.text, 0),
+                }
+            }
         };
-        let inner = word
-            .text
-            .strip_prefix("faces(")
-            .and_then(|t| t.strip_suffix(')'));
-        let text = inner.unwrap_or(&word.text);
-        let shift = if inner.is_some() { "faces(".len() } else { 0 };
         let fault = |e: ExpressionError| ScriptError {
-            column: word.column + shift + e.at,
+            column: (word.column as i64 + shift + e.at as i64).max(1) as usize,
             ..self.at(&word, format!("in {text:?}: {}", e.message))
         };
-        let condition = Expression::parse(text).map_err(fault)?;
+        let condition = Expression::parse(&text).map_err(fault)?;
         let scene = Scene {
             mesh,
             last: model.last,
@@ -315,11 +318,7 @@ impl<'s, 'w> Arguments<'s, 'w> {
             hint: Some(format!("groups in use: {}", groups.join(", "))),
             ..self.at(
                 &word,
-                format!(
-                    "{} selects none of the {} faces",
-                    word.text,
-                    mesh.face_count()
-                ),
+                format!("{text} selects none of the {} faces", mesh.face_count()),
             )
         })
     }

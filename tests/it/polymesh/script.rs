@@ -140,7 +140,9 @@ fn aligned_start_vertices_keep_a_threefold_axis() {
     );
     let threefold = |m: &PolyMesh| m.symmetries().iter().filter(|s| s.is_rotation()).count() == 3;
     assert!(threefold(&aligned));
-    let unaligned = made(&text("startvertex group=1 lowest"));
+    let unaligned = made(&text(
+        "startvertex group=1 toward=[1, 1, 1]; startvertex faces(normal.z > .5) toward=[-1, 1, 1]",
+    ));
     assert_eq!(unaligned.face_count(), 30);
     assert!(!threefold(&unaligned));
 }

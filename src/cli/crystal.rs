@@ -1,0 +1,349 @@
+//! `druse crystal NAME.crystal -o X`: the polygon stage alone.
+
+use super::{Answer, Failure, Session};
+use crate::frame::{LengthUnit, Transform};
+use crate::io::atomic::{StagedPath, write_bytes};
+use crate::io::{DiskFiles, read_polymesh, read_script, write_mesh, write_polymesh};
+use crate::mesh::MeshReport;
+use crate::polymesh::{LoadOptions, PolyMesh, Script, Triangulated, Workshop};
+use crate::recipe::{Length, PictureSize, Recipe, Scale};
+use crate::vdb::{self, LevelSet, VdbWriter};
+use clap::Args;
+use serde_json::{Value, json};
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
+
+mod interactive;
+
+#[derive(Args)]
+pub(super) struct Parameters {
+    /// A script (.crystal), a recipe with [crystal.NAME] (.toml), or a polygon mesh (.obj, .dlfl, .stl, .ply);
+    /// may be left out with --interactive.
+    #[arg(required_unless_present = "interactive")]
+    input: Option<PathBuf>,
+    /// What to write, any number of times: .obj and .dlfl keep polygons and groups; .stl, .ply, .3mf
+    /// (triangles); .vdb (a level set); .png (a picture).
+    #[arg(short, long, value_name = "X")]
+    output: Vec<PathBuf>,
+    /// Which crystal of a recipe that has several.
+    #[arg(long, value_name = "CRYSTAL")]
+    name: Option<String>,
+    /// Set a parameter of the script, as in t=1/4; with a dot, a key of the recipe.
+    #[arg(long, value_name = "KEY=VALUE")]
+    set: Vec<String>,
+    /// Carry the script out up to and with this line.
+    #[arg(long, value_name = "LINE")]
+    until: Option<usize>,
+    /// Read steps from stdin, one line at a time, after the script: undo, redo, show, draw, help.
+    #[arg(long)]
+    interactive: bool,
+    /// Voxels of a .vdb; a bare number is in the crystal's unit [default: 1/200 of its longest side].
+    #[arg(long, value_name = "LENGTH")]
+    voxel_size: Option<Length>,
+    /// Unit of the crystal's numbers [default: the recipe's, else mm].
+    #[arg(long, value_name = "UNIT")]
+    unit: Option<LengthUnit>,
+    /// Width and height of a picture in pixels.
+    #[arg(long, value_name = "WxH", default_value = "1000x800")]
+    size: PictureSize,
+    /// Worker threads [default: one per core].
+    #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true)]
+    threads: usize,
+}
+
+/// Voxels along the longest side where none are asked for.
+const FINENESS: f64 = 200.0;
+/// Half width of the band, voxels.
+const HALF_WIDTH: f64 = 3.0;
+/// Triangles beyond which self-intersections are not looked for.
+const SEARCHED: usize = 1_000_000;
+
+/// A script with its place and the unit of its numbers.
+struct Source {
+    path: PathBuf,
+    text: String,
+    directory: PathBuf,
+    parameters: Vec<String>,
+    unit: LengthUnit,
+}
+
+pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
+    let threads = super::session::threads(p.threads)?;
+    let source = source(p)?;
+    let files = DiskFiles::new(&source.directory, true);
+    let mut workshop = Workshop::remembering(&files, if p.interactive { 200 } else { 1 });
+    for pair in &source.parameters {
+        let Some((name, value)) = pair.split_once('=') else {
+            return Err(Failure::usage(format!("--set {pair}: expected KEY=VALUE")));
+        };
+        let set = workshop.set(name.trim(), value);
+        set.map_err(|e| Failure::usage(format!("--set {pair}: {e}")))?;
+    }
+    let script = Script::parse(&source.text);
+    let script = script.map_err(|e| Failure::script(&source.path, &source.text, &e))?;
+    session.finish();
+    let done = threads.install(|| script.run(&mut workshop, p.until));
+    done.map_err(|e| Failure::script(&source.path, &source.text, &e))?;
+    for note in workshop.take_notes() {
+        session.note(&format!(
+            "{}:{}: {}",
+            source.path.display(),
+            note.line,
+            note.text
+        ));
+    }
+    let tools = vdb::Session::new(&threads, session);
+    if p.interactive {
+        let draw = |mesh: &PolyMesh, path: &Path| write(p, mesh, path, source.unit, tools);
+        interactive::converse(&mut workshop, session, &draw)?;
+    }
+    let Some(mesh) = workshop.shared() else {
+        if p.interactive {
+            return Ok(Answer::new("", json!({ "kind": "crystal" })));
+        }
+        return Err(Failure::data(
+            &source.path,
+            "found no step that makes a mesh; expected one such as cube",
+        ));
+    };
+    let mut facts = serde_json::to_value(mesh.summary()).unwrap_or_default();
+    facts["kind"] = json!("crystal");
+    let mut text = mesh.summary().to_string();
+    if let Some((line, found)) = touching(&mesh, session)? {
+        let _ = write!(text, "\n{line}");
+        facts["self_intersections"] = found;
+    }
+    let mut outputs = Vec::new();
+    for path in &p.output {
+        let bytes = write(p, &mesh, path, source.unit, tools)?;
+        outputs.push((path.clone(), bytes));
+    }
+    outputs.extend(files.saved());
+    for (path, bytes) in &outputs {
+        let _ = write!(text, "\n{}  {}", path.display(), super::run::size(*bytes));
+    }
+    let list: Vec<Value> = outputs
+        .iter()
+        .map(|(path, bytes)| json!({ "path": path.display().to_string(), "bytes": bytes }))
+        .collect();
+    facts["outputs"] = json!(list);
+    facts["steps"] = json!(workshop.steps());
+    Ok(Answer::new(text, facts))
+}
+
+/// The script that the arguments name.
+fn source(p: &Parameters) -> Result<Source, Failure> {
+    let unit = p.unit.unwrap_or_default();
+    let Some(path) = &p.input else {
+        return Ok(Source {
+            path: "stdin".into(),
+            text: String::new(),
+            directory: PathBuf::new(),
+            parameters: p.set.clone(),
+            unit,
+        });
+    };
+    let directory = path.parent().unwrap_or(Path::new("")).to_owned();
+    let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase());
+    match extension.as_deref() {
+        Some("crystal") => Ok(Source {
+            path: path.clone(),
+            text: read_script(path)?,
+            directory,
+            parameters: p.set.clone(),
+            unit,
+        }),
+        Some("toml") => of_recipe(p, path),
+        _ => {
+            // A mesh is a script of one step; reading it here gives the better error.
+            read_polymesh(path, &LoadOptions::default())?;
+            let name = path.file_name().unwrap_or_default().to_string_lossy();
+            Ok(Source {
+                path: path.clone(),
+                text: format!("load \"{name}\"\n"),
+                directory,
+                parameters: p.set.clone(),
+                unit,
+            })
+        }
+    }
+}
+
+/// The script of a recipe's crystal.
+fn of_recipe(p: &Parameters, path: &Path) -> Result<Source, Failure> {
+    let dotted = |pair: &&String| pair.split('=').next().is_some_and(|key| key.contains('.'));
+    let overrides: Vec<String> = p.set.iter().filter(dotted).cloned().collect();
+    let recipe = Recipe::read(path, &overrides)?;
+    let crystals = &recipe.sections().crystal;
+    let names: Vec<&String> = crystals.keys().collect();
+    let name = match (&p.name, &names[..]) {
+        (Some(name), _) => name,
+        (None, [only]) => only,
+        (None, list) => {
+            let words = list
+                .iter()
+                .map(|n| n.as_str())
+                .collect::<Vec<_>>()
+                .join(", ");
+            let found = if list.is_empty() {
+                "no [crystal.NAME]".into()
+            } else {
+                words
+            };
+            let message = format!("found {found}; expected one crystal, or --name CRYSTAL");
+            return Err(Failure::data(path, message));
+        }
+    };
+    let Some(section) = crystals.get(name) else {
+        let words = names
+            .iter()
+            .map(|n| n.as_str())
+            .collect::<Vec<_>>()
+            .join(", ");
+        return Err(Failure::data(
+            path,
+            format!("no crystal is named {name:?}; the recipe has {words}"),
+        ));
+    };
+    let plain = p.set.iter().filter(|pair| !dotted(pair)).cloned();
+    let mut parameters: Vec<String> = section
+        .set
+        .iter()
+        .map(|(k, v)| format!("{k}={v}"))
+        .collect();
+    parameters.extend(plain);
+    let unit = p.unit.unwrap_or(recipe.unit());
+    match &section.file {
+        Some(file) => {
+            let file = recipe.resolve(file);
+            Ok(Source {
+                text: read_script(&file)?,
+                directory: file.parent().unwrap_or(Path::new("")).to_owned(),
+                path: file,
+                parameters,
+                unit,
+            })
+        }
+        None => Ok(Source {
+            path: path.to_owned(),
+            text: section.steps.clone().unwrap_or_default(),
+            directory: recipe.source().directory().to_owned(),
+            parameters,
+            unit,
+        }),
+    }
+}
+
+fn cut(mesh: &PolyMesh) -> Result<Triangulated, Failure> {
+    mesh.triangulated()
+        .map_err(|e| Failure::usage(e.to_string()))
+}
+
+/// Faces that meet where they should not: a line for people, an object for programs.
+fn touching(mesh: &PolyMesh, session: &Session) -> Result<Option<(String, Value)>, Failure> {
+    let cut = cut(mesh)?;
+    if cut.mesh.triangles().len() > SEARCHED {
+        return Ok(None);
+    }
+    let report: MeshReport =
+        crate::mesh::check_with(&cut.mesh, true, session).map_err(|_| Failure::stopped(130))?;
+    session.finish();
+    let crowded = report.crowded_edges.count;
+    let finding = report.self_intersections.unwrap_or_default();
+    if crowded + finding.count == 0 {
+        return Ok(None);
+    }
+    let place = finding
+        .places
+        .first()
+        .or(report.crowded_edges.places.first());
+    let mut faces: Vec<u32> = place
+        .iter()
+        .flat_map(|d| d.triangles.iter().map(|&t| cut.faces[t as usize]))
+        .collect();
+    faces.dedup();
+    let named: Vec<String> = faces
+        .iter()
+        .map(|&f| format!("{f} (group {})", mesh.groups()[f as usize]))
+        .collect();
+    let line = format!(
+        "note: the surface meets itself: {} pairs of triangles touch or cross, {crowded} edges are shared by more \
+         than two faces in space; first at faces {}",
+        finding.count,
+        named.join(", ")
+    );
+    let facts = json!({ "pairs": finding.count, "shared_edges": crowded, "faces": faces });
+    Ok(Some((line, facts)))
+}
+
+/// Writes a mesh in the format of a path's extension.
+fn write(
+    p: &Parameters,
+    mesh: &PolyMesh,
+    path: &Path,
+    unit: LengthUnit,
+    tools: vdb::Session,
+) -> Result<u64, Failure> {
+    let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase());
+    let size = mesh.bounds().size().max();
+    match extension.as_deref() {
+        Some("vdb") => {
+            let scale = Scale {
+                unit,
+                voxel_size: f64::NAN,
+            };
+            let voxel = p.voxel_size.map_or(size / FINENESS, |l| l.resolve(scale));
+            let solid = voxelized(mesh, path, voxel, tools)?;
+            let staged = StagedPath::create(path)?;
+            let factor = unit.to(LengthUnit::Metre);
+            let mut file = VdbWriter::new(path, tools)?.scaled(factor);
+            file.level_set("surface", &solid)?;
+            file.tag("druse.unit", LengthUnit::Metre.symbol())?;
+            file.tag("druse.voxel_size", &(voxel * factor).to_string())?;
+            file.write_to(staged.path())?;
+            staged.commit()?;
+            let size = std::fs::metadata(path).map_err(|e| crate::io::ReadError::io(path, e))?;
+            Ok(size.len())
+        }
+        Some("png") => {
+            let solid = voxelized(
+                mesh,
+                path,
+                1.2 * size / f64::from(p.size.0.max(p.size.1)),
+                tools,
+            )?;
+            let png = solid.picture(p.size.0 as usize, p.size.1 as usize, None, tools)?;
+            Ok(write_bytes(path, &png)?)
+        }
+        Some("stl" | "ply" | "3mf") => Ok(write_mesh(path, &cut(mesh)?.mesh, unit)?),
+        _ => Ok(write_polymesh(path, mesh)?),
+    }
+}
+
+fn voxelized(
+    mesh: &PolyMesh,
+    path: &Path,
+    voxel: f64,
+    tools: vdb::Session,
+) -> Result<LevelSet, Failure> {
+    let volume = mesh.volume();
+    if volume <= 0.0 {
+        let message =
+            format!("the crystal's volume is {volume:.6}; expected a surface that looks outward");
+        return Err(Failure::data(path, message));
+    }
+    let transform = Transform::new(voxel)
+        .filter(|_| mesh.bounds().size().max() / voxel < 20_000.0)
+        .ok_or_else(|| {
+            Failure::data(
+                path,
+                format!("a voxel size of {voxel}; expected 1/20000 of the crystal or more"),
+            )
+        })?;
+    Ok(LevelSet::from_mesh(
+        &cut(mesh)?.mesh,
+        transform,
+        HALF_WIDTH,
+        tools,
+    )?)
+}

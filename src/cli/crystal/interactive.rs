@@ -1,0 +1,121 @@
+//! A conversation: steps from stdin, what they make on stdout.
+
+use super::super::{Failure, Session};
+use crate::polymesh::{PolyMesh, Script, VERBS, Workshop};
+use std::io::{BufRead, IsTerminal, Write};
+use std::path::Path;
+
+const HELP: &str = "undo [N], redo [N]   back and forward
+show                 counts, planarity, edges, groups
+steps                what made the model
+draw X.png           a picture; any other output (.obj, .dlfl, .stl, .vdb) as well
+help, quit
+Steps may be several on a line (;) and loops may run over lines:";
+
+/// Reads steps and commands until stdin ends or says `quit`. A step that fails changes nothing.
+pub(super) fn converse(
+    workshop: &mut Workshop,
+    session: &Session,
+    draw: &dyn Fn(&PolyMesh, &Path) -> Result<u64, Failure>,
+) -> Result<(), Failure> {
+    let prompt = std::io::stdin().is_terminal();
+    let mut pending = String::new();
+    let mut lines = std::io::stdin().lock().lines();
+    loop {
+        if prompt {
+            let sign = if pending.is_empty() { "> " } else { "| " };
+            let _ = write!(std::io::stderr(), "{sign}");
+        }
+        let Some(line) = lines.next() else {
+            return Ok(());
+        };
+        let line = line.map_err(|e| crate::io::ReadError::io("-", e))?;
+        pending.push_str(&line);
+        pending.push('\n');
+        let open = |c| pending.matches(c).count();
+        if open('{') > open('}') {
+            continue;
+        }
+        let text = std::mem::take(&mut pending);
+        match reply(text.trim(), workshop, draw) {
+            None => return Ok(()),
+            Some(answer) if session.json() || answer.is_empty() => {}
+            Some(answer) => {
+                if writeln!(std::io::stdout(), "{answer}").is_err() {
+                    return Ok(());
+                }
+            }
+        }
+    }
+}
+
+/// The answer to a line; `None` ends the conversation.
+fn reply(
+    text: &str,
+    workshop: &mut Workshop,
+    draw: &dyn Fn(&PolyMesh, &Path) -> Result<u64, Failure>,
+) -> Option<String> {
+    let mut words = text.split_whitespace();
+    let first = words.next().unwrap_or_default();
+    let second = words.next();
+    let times = || second.map_or(Some(1), |w| w.parse::<usize>().ok());
+    Some(match (first, times()) {
+        ("", _) => String::new(),
+        ("quit" | "exit", _) => return None,
+        ("help", _) => {
+            let verbs = VERBS
+                .iter()
+                .map(|(name, what)| format!("\n{name:<12} {what}"));
+            format!("{HELP}{}", verbs.collect::<String>())
+        }
+        ("undo" | "redo", Some(times)) => {
+            let mut said = Vec::new();
+            for _ in 0..times {
+                let history = workshop.history();
+                let step = if first == "undo" {
+                    history.undo()
+                } else {
+                    history.redo()
+                };
+                match step {
+                    Some(step) => said.push(format!("{first}: {step}")),
+                    None => {
+                        said.push(format!("nothing to {first}"));
+                        break;
+                    }
+                }
+            }
+            said.push(state(workshop));
+            said.join("\n")
+        }
+        ("show", _) => state(workshop),
+        ("steps", _) => workshop.steps().join("\n"),
+        ("draw", _) => match (second, workshop.mesh()) {
+            (Some(path), Some(mesh)) => match draw(mesh, Path::new(path)) {
+                Ok(bytes) => format!("{path}  {}", super::super::run::size(bytes)),
+                Err(e) => format!("error: {}", e.said()),
+            },
+            (None, _) => "error: draw needs a file, as in draw x.png".into(),
+            (_, None) => "error: there is no mesh yet".into(),
+        },
+        _ => {
+            let done = Script::parse(text).and_then(|script| script.run(workshop, None));
+            let mut said: Vec<String> = workshop
+                .take_notes()
+                .iter()
+                .map(|n| format!("note: {}", n.text))
+                .collect();
+            match done {
+                Ok(()) => said.push(state(workshop)),
+                Err(e) => said.push(format!("error: {e}")),
+            }
+            said.join("\n")
+        }
+    })
+}
+
+fn state(workshop: &Workshop) -> String {
+    workshop
+        .mesh()
+        .map_or_else(|| "no mesh yet".into(), |m| m.summary().to_string())
+}

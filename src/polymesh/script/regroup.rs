@@ -1,0 +1,120 @@
+//! Steps that change groups and start vertices and leave the geometry alone.
+
+use super::argument::{Arguments, Word};
+use super::step::{Done, Outcome, mesh_of};
+use super::{ScriptError, Workshop};
+
+fn group_number(a: &Arguments, word: &Word) -> Result<u32, ScriptError> {
+    let value = a.evaluate(word)?;
+    match a.whole(word, value)? {
+        0 => Err(a.fault("group 0; groups count from 1")),
+        n => Ok(n as u32),
+    }
+}
+
+pub(super) fn assign(a: &mut Arguments, workshop: &Workshop) -> Done {
+    let mesh = mesh_of(a, workshop)?;
+    let chosen = a.faces()?;
+    let word = a.needed("a group number, or new")?;
+    let id = match word.text.as_str() {
+        "new" => mesh.greatest_group().saturating_add(1),
+        _ => group_number(a, word)?,
+    };
+    let groups = mesh.groups().iter().zip(&chosen);
+    let groups = groups.map(|(&g, &c)| if c { id } else { g }).collect();
+    Ok(Outcome::changed(
+        workshop.model(),
+        mesh.clone().with_groups(groups),
+    ))
+}
+
+pub(super) fn merge(a: &mut Arguments, workshop: &Workshop) -> Done {
+    let mesh = mesh_of(a, workshop)?;
+    let mut ids = Vec::new();
+    while let Some(word) = a.bare() {
+        let id = group_number(a, word)?;
+        if !mesh.groups().contains(&id) {
+            return Err(a.fault(format!("no face is in group {id}")));
+        }
+        ids.push(id);
+    }
+    let [first, _, ..] = ids[..] else {
+        return Err(a.fault(format!("found {} groups; expected two or more", ids.len())));
+    };
+    let groups = mesh.groups().iter();
+    let groups = groups
+        .map(|g| if ids.contains(g) { first } else { *g })
+        .collect();
+    Ok(Outcome::changed(
+        workshop.model(),
+        mesh.clone().with_groups(groups),
+    ))
+}
+
+pub(super) fn renumber(a: &Arguments, workshop: &Workshop) -> Done {
+    let mesh = mesh_of(a, workshop)?;
+    let counts = mesh.group_counts();
+    let order: Vec<u32> = counts.into_keys().collect();
+    let place = |g: &u32| order.binary_search(g).map_or(1, |n| n as u32 + 1);
+    let groups = mesh.groups().iter().map(place).collect();
+    Ok(Outcome::changed(
+        workshop.model(),
+        mesh.clone().with_groups(groups),
+    ))
+}
+
+pub(super) fn start_vertex(a: &mut Arguments, workshop: &Workshop) -> Done {
+    let mesh = mesh_of(a, workshop)?;
+    let chosen = a.faces()?;
+    let toward = match a.value("toward")? {
+        Some(word) => Some(a.vector_of(&word)?),
+        None => None,
+    };
+    let at = a.count("at")?;
+    let lowest = match a.bare() {
+        None => false,
+        Some(word) if word.text == "lowest" => true,
+        Some(word) => {
+            let text = format!(
+                "found {:?}; expected toward=[x, y, z], at=VERTEX or lowest",
+                word.text
+            );
+            return Err(a.fault(text));
+        }
+    };
+    if usize::from(toward.is_some()) + usize::from(at.is_some()) + usize::from(lowest) != 1 {
+        return Err(a.fault("expected exactly one of toward=[x, y, z], at=VERTEX, lowest"));
+    }
+    let mut shift = vec![0; mesh.face_count()];
+    for f in (0..chosen.len()).filter(|&f| chosen[f]) {
+        let face = mesh.face(f);
+        let point = |k: usize| mesh.vertices()[face[k] as usize];
+        let places = 0..face.len();
+        let found = if let Some(target) = toward {
+            let far = |k: &usize| (point(*k) - target).norm_squared();
+            places.min_by(|a, b| far(a).total_cmp(&far(b)))
+        } else if let Some(vertex) = at {
+            face.iter().position(|&v| v as usize == vertex)
+        } else {
+            places.min_by_key(|&k| face[k])
+        };
+        shift[f] = found
+            .ok_or_else(|| a.fault(format!("face {f} has no vertex {}", at.unwrap_or_default())))?;
+    }
+    Ok(Outcome::changed(workshop.model(), mesh.with_starts(&shift)))
+}
+
+pub(super) fn symmetrize(a: &mut Arguments, workshop: &Workshop) -> Done {
+    let rotations = a.flag("rotations")?;
+    let mesh = mesh_of(a, workshop)?;
+    let pieces = mesh.pieces().1;
+    if pieces != 1 {
+        return Err(a.fault(format!("the mesh has {pieces} pieces; expected one")));
+    }
+    let (made, order) = mesh.symmetrized(rotations);
+    let orbits = made.greatest_group();
+    let mut outcome = Outcome::changed(workshop.model(), made);
+    let what = if rotations { "rotations" } else { "symmetries" };
+    outcome.notes = vec![format!("{order} {what}, {orbits} orbits of faces")];
+    Ok(outcome)
+}
