@@ -7,6 +7,7 @@
 
 #include <rust/cxx.h>
 
+#include <array>
 #include <cstdint>
 #include <exception>
 #include <memory>
@@ -38,6 +39,7 @@ struct Tile;
 struct MetaEntry;
 struct GridFacts;
 struct Smoothing;
+struct Range;
 struct Camera;
 enum class Filter : std::uint8_t;
 enum class Csg : std::uint8_t;
@@ -111,6 +113,12 @@ void initialize();
 std::unique_ptr<Grid> grid_new(double voxel_size, float background);
 std::unique_ptr<Grid> grid_copy(const Grid&);
 void grid_clear(Grid&);
+void grid_place(Grid&, double voxel_size, const std::array<double, 3>& origin);
+std::unique_ptr<Grid> grid_raw(double voxel_size, const std::array<double, 3>& origin, float background,
+                               rust::Str class_name);
+void grid_put_leaf(Grid&, const std::array<std::int32_t, 3>& origin, const std::array<std::uint64_t, 8>& mask,
+                   const std::array<float, 512>& values);
+void grid_put_tile(Grid&, const std::array<std::int32_t, 3>& origin, std::int32_t edge, float value, bool active);
 GridFacts grid_facts(const Grid&);
 std::unique_ptr<Block> block_new(std::int32_t x, std::int32_t y, std::int32_t z, float background);
 void block_add_leaves(Block&, rust::Slice<const std::int32_t> origins, rust::Slice<const std::uint64_t> masks,
@@ -121,16 +129,26 @@ std::unique_ptr<Grid> grid_fog(const Grid&, const Host&);
 
 // leaves.cc: what a tree holds
 std::unique_ptr<LeafTable> leaf_table(const Grid&);
+std::unique_ptr<Grid> grid_attribute(const Grid& shape, std::size_t components, rust::Slice<const float> values);
 rust::Vec<Tile> grid_tiles(const Grid&, bool everything);
 void grid_edit(Grid&, rust::Slice<const std::int32_t> origins, rust::Slice<const std::uint64_t> masks,
                rust::Slice<const float> values, rust::Slice<const std::int32_t> tiles, float fill, const Host&);
 void grid_values(const Grid&, rust::Slice<const std::int32_t> voxels, rust::Slice<float> values);
-void grid_samples(const Grid&, rust::Slice<const double> points, rust::Slice<float> values);
+void grid_samples(const Grid&, rust::Slice<const double> points, bool quadratic, rust::Slice<float> values);
 
 // filter.cc: operations that need neighbours
 void grid_filter(Grid&, Filter kind, Smoothing how, const Host&);
 void grid_offset(Grid&, double offset, Smoothing how, const Host&);
 void grid_renormalise(Grid&, Smoothing how, const Host&);
+
+// shape.cc: widths of bands, varying offsets, masks, blends, fillets
+void grid_resize(Grid&, int voxels, Smoothing how, const Host&);
+void grid_vary(Grid&, double offset, const Grid& by, Range range, Smoothing how, const Host&);
+void grid_mix(Grid&, const Grid& before, const Grid& by, Range range, Smoothing how, const Host&);
+void grid_blend(Grid&, std::unique_ptr<Grid> operand, double radius, Smoothing how, const Host&);
+void grid_fillet(Grid&, double radius, Smoothing how, const Host&);
+void grid_prune(Grid&, const Host&);
+std::unique_ptr<Grid> grid_isosurface(const Grid&, double value, float half_width, const Host&);
 
 // csg.cc
 void grid_csg(Grid&, std::unique_ptr<Grid> operand, Csg kind, const Host&);

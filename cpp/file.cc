@@ -151,16 +151,18 @@ std::unique_ptr<Grid> file_read(FileIn& in, std::size_t index) {
 std::unique_ptr<FileOut> file_new() { return std::make_unique<FileOut>(std::make_unique<FileOut::Impl>()); }
 
 std::size_t file_add(FileOut& out, const Grid& handle, rust::Str name, double scale, bool half, const Host& host) {
-  const FloatGrid& source = floats(handle);
-  FloatGrid::Ptr grid;
-  if (scale == 1.0) {
-    grid = ConstPtrCast<FloatGrid>(source.copy());  // shares the tree, which nobody changes until the file is written
+  GridBase::Ptr any;
+  if (scale == 1.0 || handle.impl->base->getGridClass() != GRID_LEVEL_SET) {
+    // Shares the tree, which nobody changes until the file is written; only distances have a unit.
+    any = handle.impl->base->copyGrid();
+    if (scale != 1.0) any->transform().postScale(scale);
   } else {
+    const FloatGrid& source = floats(handle);
     in_arena(host, [&] {
-      grid = source.deepCopy();
+      const FloatGrid::Ptr grid = source.deepCopy();
+      any = grid;
       grid->setTransform(source.transform().copy());
       grid->transform().postScale(scale);
-      if (source.getGridClass() != GRID_LEVEL_SET) return;  // densities have no unit
       const auto factor = static_cast<float>(scale);
       auto tile = grid->tree().beginValueAll();
       tile.setMaxDepth(FloatTree::ValueAllIter::LEAF_DEPTH - 1);
@@ -173,9 +175,9 @@ std::size_t file_add(FileOut& out, const Grid& handle, rust::Str name, double sc
       grid->tree().root().setBackground(source.background() * factor, /*updateChildNodes=*/false);
     });
   }
-  grid->setName(text(name));
-  grid->setSaveFloatAsHalf(half);
-  out.impl->grids.push_back(wrap(grid));
+  any->setName(text(name));
+  any->setSaveFloatAsHalf(half);
+  out.impl->grids.push_back(wrap(any));
   return out.impl->grids.size() - 1;
 }
 

@@ -11,7 +11,26 @@ using namespace openvdb;
 namespace druse {
 
 struct LeafTable::Impl {
-  std::vector<const Leaf*> leaves;
+  struct Entry {
+    Coord origin;
+    std::array<std::uint64_t, 8> mask;
+    const float* values;
+  };
+  std::vector<Entry> leaves;
+  std::size_t components = 1;
+
+  template <typename TreeType>
+  void list(const TreeType& tree) {
+    std::vector<const typename TreeType::LeafNodeType*> nodes;
+    tree.getNodes(nodes);
+    std::sort(nodes.begin(), nodes.end(), [](const auto* a, const auto* b) { return a->origin() < b->origin(); });
+    leaves.reserve(nodes.size());
+    for (const auto* node : nodes) {
+      Entry entry{node->origin(), {}, reinterpret_cast<const float*>(node->buffer().data())};
+      for (int w = 0; w < 8; ++w) entry.mask[w] = node->valueMask().template getWord<std::uint64_t>(w);
+      leaves.push_back(entry);
+    }
+  }
 };
 
 LeafTable::LeafTable(std::unique_ptr<Impl> i) : impl(std::move(i)) {}
@@ -19,27 +38,65 @@ LeafTable::~LeafTable() = default;
 
 std::unique_ptr<LeafTable> leaf_table(const Grid& handle) {
   auto table = std::make_unique<LeafTable::Impl>();
-  floats(handle).tree().getNodes(table->leaves);
-  std::sort(table->leaves.begin(), table->leaves.end(),
-            [](const Leaf* a, const Leaf* b) { return a->origin() < b->origin(); });
+  if (const auto* vectors = dynamic_cast<const Vec3SGrid*>(handle.impl->base.get())) {
+    static_assert(sizeof(Vec3s) == 3 * sizeof(float), "vectors are packed");
+    table->components = 3;
+    table->list(vectors->tree());
+  } else {
+    table->list(floats(handle).tree());
+  }
   return std::make_unique<LeafTable>(std::move(table));
 }
 
 std::size_t LeafTable::len() const { return impl->leaves.size(); }
 
 LeafHead LeafTable::head(std::size_t index) const {
-  const Leaf& leaf = *impl->leaves.at(index);
+  const Impl::Entry& leaf = impl->leaves.at(index);
   LeafHead head{};
-  for (int a = 0; a < 3; ++a) head.origin[a] = leaf.origin()[a];
-  for (int w = 0; w < 8; ++w) head.mask[w] = leaf.valueMask().getWord<std::uint64_t>(w);
+  for (int a = 0; a < 3; ++a) head.origin[a] = leaf.origin[a];
+  head.mask = leaf.mask;
   return head;
 }
 
 rust::Slice<const float> LeafTable::values(std::size_t index) const {
-  return {impl->leaves.at(index)->buffer().data(), Leaf::SIZE};
+  return {impl->leaves.at(index).values, impl->components * Leaf::SIZE};
+}
+
+std::unique_ptr<Grid> grid_attribute(const Grid& shape, std::size_t components, rust::Slice<const float> values) {
+  const auto table = leaf_table(shape);
+  const auto& solid = floats(shape);
+  const auto fill = [&](auto grid, auto make) {
+    using GridType = typename decltype(grid)::element_type;
+    using LeafType = typename GridType::TreeType::LeafNodeType;
+    std::size_t next = 0;
+    for (const auto& entry : table->impl->leaves) {
+      auto leaf = std::make_unique<LeafType>(entry.origin, grid->background(), false);
+      bool any = false;
+      for (Index n = 0; n < LeafType::SIZE; ++n) {
+        if (!(entry.mask[n >> 6] >> (n & 63) & 1)) continue;
+        if (next + components > values.size()) throw std::invalid_argument("too few values for the active voxels");
+        leaf->setValueOn(n, make(values.data() + next));
+        next += components;
+        any = true;
+      }
+      if (any) grid->tree().addLeaf(leaf.release());
+    }
+    if (next != values.size()) throw std::invalid_argument("more values than active voxels");
+    grid->setTransform(solid.transform().copy());
+    grid->setGridClass(GRID_UNKNOWN);
+    return wrap(grid);
+  };
+  if (components == 1) return fill(FloatGrid::create(0.0f), [](const float* v) { return *v; });
+  if (components == 3) {
+    auto grid = Vec3SGrid::create(Vec3s(0.0f));
+    grid->setVectorType(VEC_INVARIANT);
+    return fill(grid, [](const float* v) { return Vec3s(v[0], v[1], v[2]); });
+  }
+  throw std::invalid_argument("an attribute of " + std::to_string(components) + " components");
 }
 
 rust::Vec<Tile> grid_tiles(const Grid& handle, bool everything) {
+  if (!handle.impl->grid) return {};  // attributes have none
   const auto& tree = floats(handle).tree();
   rust::Vec<Tile> tiles;
   auto it = tree.cbeginValueAll();
@@ -86,13 +143,13 @@ void grid_values(const Grid& handle, rust::Slice<const std::int32_t> voxels, rus
     values[n] = access.getValue(Coord(voxels[3 * n], voxels[3 * n + 1], voxels[3 * n + 2]));
 }
 
-void grid_samples(const Grid& handle, rust::Slice<const double> points, rust::Slice<float> values) {
+void grid_samples(const Grid& handle, rust::Slice<const double> points, bool quadratic, rust::Slice<float> values) {
   if (points.size() != 3 * values.size()) throw std::invalid_argument("points and values disagree in number");
   const auto& grid = floats(handle);
   auto access = grid.getConstAccessor();
   for (std::size_t n = 0; n < values.size(); ++n) {
     const Vec3d index = grid.worldToIndex(Vec3d(points[3 * n], points[3 * n + 1], points[3 * n + 2]));
-    values[n] = tools::BoxSampler::sample(access, index);
+    values[n] = quadratic ? tools::QuadraticSampler::sample(access, index) : tools::BoxSampler::sample(access, index);
   }
 }
 

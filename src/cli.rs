@@ -24,10 +24,12 @@ mod completions;
 mod eval;
 mod crystal;
 mod failure;
+mod filter;
 mod fit;
 mod info;
 mod kind;
 mod man;
+mod mesh;
 mod new;
 mod plot;
 mod points;
@@ -39,6 +41,8 @@ mod schema;
 mod session;
 mod signals;
 mod vdb;
+mod voxelize;
+mod workshop;
 
 use answer::Answer;
 use failure::Failure;
@@ -88,6 +92,12 @@ commands! {
     Scaffold => scaffold,
     /// The tiled field of a recipe at given points.
     Eval => eval,
+    /// Turn a closed or dirty mesh into a level set.
+    Voxelize => voxelize,
+    /// Apply level-set operations to an OpenVDB file, in order.
+    Filter => filter,
+    /// Turn the level set of an OpenVDB file into a mesh.
+    Mesh => mesh,
     /// Say what a file is: any that Druse reads.
     Info => info,
     /// Check a mesh or a level set; exit code 1 when it fails.

@@ -17,9 +17,11 @@ use nalgebra::SVector;
 mod combine;
 mod formula;
 mod primitive;
+mod round;
 pub use combine::{Complement, Intersection, Union};
 pub use formula::{Formula, FormulaError};
 pub use primitive::{BoxSolid, Sphere};
+pub use round::{Capsule, Cylinder, HalfSpace};
 
 /// A closed interval of field values.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -15,6 +15,7 @@
 //! assert!((report.solid.volume / ball - 1.0).abs() < 0.01);
 //! ```
 
+use crate::band::BandStats;
 use crate::progress::{Cancelled, Progress, Threads};
 use crate::recipe::{OutputKind, Recipe};
 use std::path::PathBuf;
@@ -37,6 +38,7 @@ mod shape;
 mod source;
 mod stock;
 mod varying;
+mod volumes;
 mod wall;
 
 pub use cells::{levelled, make_cell, one_element, read_source};
@@ -66,6 +68,12 @@ pub struct RunOptions {
     pub out: Option<PathBuf>,
     /// Whether a warning ends the run.
     pub strict: bool,
+    /// Whether measures of the solid that take time, and that no output needs, are left away: walls,
+    /// and the mesh of a run that writes none.
+    pub brief: bool,
+    /// The child process that opens `.vdb` files of others; without one they are read in this process,
+    /// which a damaged file can bring down.
+    pub isolated: Option<crate::vdb::isolate::Program>,
 }
 
 /// Predicts what [`run`] would need and make, in a few seconds.
@@ -78,7 +86,7 @@ pub fn plan(
     progress: &dyn Progress,
 ) -> Result<Estimate, RunError> {
     let threads = threads(options)?;
-    let stock = Stock::load(recipe, &threads, options.strict, progress)?;
+    let stock = Stock::load(recipe, &threads, options, progress)?;
     estimate::estimate(&stock, &threads, progress)
 }
 
@@ -95,32 +103,41 @@ pub fn run(
     let threads = threads(options)?;
     let sections = recipe.sections();
     let mut clock = Clock::new(progress);
-    let mut stock = Stock::load(recipe, &threads, options.strict, progress)?;
+    let mut stock = Stock::load(recipe, &threads, options, progress)?;
     let outputs = targets(&stock, options)?;
     clock.lap("inputs")?;
 
     estimate::check_memory(&stock, &threads, options.memory, progress)?;
     clock.lap("estimate")?;
 
-    let bench = Bench {
+    let mut bench = Bench {
         threads: &threads,
         progress,
         scale: recipe.scale(),
         half_width: sections.band.half_width.0,
     };
-    let shape = shape::shape(&stock, bench.scale)?;
-    let (mut solid, stats) = bench.sample(&shape, "band")?;
-    drop(shape);
+    let first = stock.pointwise();
+    let (mut solid, stats) = match stock.volumes.take_start() {
+        Some(start) => (start, BandStats::default()),
+        None => bench.sample(&shape::shape(&stock, bench.scale)?, "band")?,
+    };
     clock.lap("band")?;
 
     let mut measured = SolidReport::default();
-    let first = shape::field_operations(&sections.op);
     for (n, op) in sections.op.iter().enumerate().skip(first) {
-        operate::apply(bench, &stock, (n, op), &mut solid, &mut measured)?;
+        operate::apply(&mut bench, &stock, (n, op), &mut solid, &mut measured)?;
         clock.lap(&format!("op.{n}.{}", op.name()))?;
     }
 
-    let mesh = measure(bench, &stock, &solid, &mut measured, &mut clock)?;
+    let wanted = !options.brief || outputs.want_a_mesh();
+    let mesh = measure(
+        bench,
+        &stock,
+        &solid,
+        &mut measured,
+        (wanted, !options.brief),
+        &mut clock,
+    )?;
     stock.look_at(&measured, bench.scale)?;
 
     let mut report = stock.report();
@@ -143,7 +160,7 @@ pub fn run(
     report.solid = measured;
     report.threads = threads.count();
     for (output, path) in &outputs.files {
-        let written = output::write(bench, recipe, output, path, &solid, Some(&mesh))?;
+        let written = output::write(bench, recipe, output, path, &solid, mesh.as_ref())?;
         report.outputs.extend(written);
         clock.lap("write")?;
     }
@@ -167,16 +184,25 @@ fn threads(options: &RunOptions) -> Result<Threads, RunError> {
     Threads::new(options.threads).map_err(|e| RunError::Threads(e.to_string()))
 }
 
-/// Volume, area, pieces and walls of the solid; gives its mesh.
+/// Volume, area, pieces, and as wanted mesh and walls of the solid; gives its mesh.
 fn measure(
     bench: Bench,
     stock: &Stock,
     solid: &crate::vdb::LevelSet,
     report: &mut SolidReport,
+    (wants_mesh, wants_walls): (bool, bool),
     clock: &mut Clock,
-) -> Result<crate::mesh::TriMesh, RunError> {
+) -> Result<Option<crate::mesh::TriMesh>, RunError> {
     let failed = RunError::level_set("measure");
     let session = bench.session();
+    if !wants_mesh {
+        report.volume = solid.volume(session).map_err(&failed)?;
+        report.area = solid.area(session).map_err(&failed)?;
+        report.components = solid.components(session).map_err(&failed)?.len() as u64;
+        report.bounds = Some(solid.bounds().map_err(&failed)?);
+        clock.lap("measure")?;
+        return Ok(None);
+    }
     bench.progress.stage("mesh", None);
     let mesh = solid.to_mesh(session).map_err(&failed)?;
     if mesh.is_empty() {
@@ -196,19 +222,28 @@ fn measure(
     (report.volume_fraction_asked, report.volume_fraction_cell) = stock.fractions();
     report.volume_fraction = stock.room().map(|room| report.volume / room);
     clock.lap("measure")?;
+    if !wants_walls {
+        return Ok(Some(mesh));
+    }
     let wall = bench
         .threads
         .install(|| wall::least_wall(&mesh, bench.progress))?;
     report.least_wall = wall.map(|w| w.thickness);
     report.least_wall_place = wall.map(|w| w.place.into());
     clock.lap("walls")?;
-    Ok(mesh)
+    Ok(Some(mesh))
 }
 
 /// Outputs with their paths.
 struct Targets<'a> {
     files: Vec<(&'a crate::recipe::Output, PathBuf)>,
     reports: Vec<PathBuf>,
+}
+
+impl Targets<'_> {
+    fn want_a_mesh(&self) -> bool {
+        self.files.iter().any(|(output, _)| output.mesh.is_some())
+    }
 }
 
 /// Resolves the outputs, refuses those that would overwrite an input, and makes the directory asked

@@ -32,6 +32,7 @@ mod file;
 mod fit;
 mod hybrid;
 mod op;
+mod operand;
 mod output;
 mod quantity;
 mod scaffold;
@@ -47,8 +48,10 @@ pub use file::{FileFrame, FileRef, Similarity, Up};
 pub use fit::{FitMethod, Solver, Symmetrise};
 pub use hybrid::{Hybrid, Share};
 pub use op::{
-    Ball, Block, DropSmall, Flow, Iterations, Kernel, Op, Operand, Renormalise, Side, Skin,
+    Blend, DropSmall, Fillet, Flow, Hollow, Iterations, Kernel, Move, Op, Renormalise, Resample,
+    Trim, UpTo,
 };
+pub use operand::{Ball, Block, Grid, Mask, Operand, Plane, Rod, Side, Skin};
 pub use output::{Cut, Output, OutputKind, PictureSize};
 pub use quantity::{
     Finite, Fraction, HalfWidth, Length, Positive, QuantityError, Scale, Size, Unit, Width,

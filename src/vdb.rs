@@ -39,6 +39,7 @@ use crate::frame::{Aabb, Transform, Vec3};
 use crate::progress::{Progress, Threads};
 use cxx::UniquePtr;
 
+mod attribute;
 mod bits;
 mod builder;
 mod camera;
@@ -58,8 +59,13 @@ mod mesh;
 mod ops;
 mod pieces;
 mod render;
+mod sampled;
+mod shape;
+mod transfer;
+mod volume;
 mod write;
 
+pub use attribute::Attribute;
 pub use builder::LevelSetBuilder;
 pub use check::{GradientStatistics, LevelSetCheck};
 pub use drop::Dropped;
@@ -70,6 +76,9 @@ pub use leaves::{LeafView, Leaves, TileView};
 pub use memory::{peak_memory, resident_memory};
 pub use pieces::Piece;
 pub use render::{Image, Picture};
+pub use sampled::{Placement, Sampled};
+pub use shape::{Mask, WallSide};
+pub use volume::Volume;
 pub use write::{Compression, VdbWriter, Written};
 
 /// How accurately the narrow band is kept a distance after each step of a filter.
@@ -228,6 +237,15 @@ impl LevelSet {
     pub fn area(&self, session: Session<'_>) -> Result<f64, VdbError> {
         ffi::grid_area(&self.grid, &session.host())
             .map_err(|e| VdbError::of("measuring", session, &e))
+    }
+
+    /// Puts voxel (0, 0, 0) at a place of the world; all voxels come along.
+    pub(crate) fn place_at(&mut self, origin: Vec3) -> Result<(), VdbError> {
+        let voxel = self.voxel_size();
+        ffi::grid_place(self.grid.pin_mut(), voxel, &origin.into())
+            .map_err(|e| VdbError::plain("placing", &e))?;
+        self.origin = origin;
+        Ok(())
     }
 
     /// An independent copy.

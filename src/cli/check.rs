@@ -71,7 +71,7 @@ fn level_sets(path: &Path, session: vdb::Session<'_>) -> Result<Answer, Failure>
             let _ = writeln!(text, "grid {:?}: {}, not checked", grid.name, grid.class);
             continue;
         }
-        let solid = vdb::LevelSet::read(path, Some(&grid.name), session)?;
+        let solid = super::vdb::level_set(path, Some(&grid.name), session)?;
         let check = solid.check(session)?;
         let problems = check.problems();
         passed &= problems.is_empty();

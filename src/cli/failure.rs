@@ -288,8 +288,13 @@ impl From<RunError> for Failure {
             ),
             RunError::Empty(_) => (
                 DATA,
-                Some("look at the level of the cell, and at walls thinner than a voxel".into()),
+                Some(
+                    "look at the level of the cell, at walls thinner than a voxel, and at distances larger than the part"
+                        .into(),
+                ),
             ),
+            RunError::Voxels(_) => (DATA, Some("resample one of them first".into())),
+            RunError::Endless(_) => (DATA, Some("intersect or subtract it".into())),
             RunError::Scaffold { file, element, .. } => {
                 return Self {
                     code: DATA,

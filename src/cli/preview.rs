@@ -76,7 +76,7 @@ fn solid_of(p: &Parameters, tools: vdb::Session) -> Result<LevelSet, Failure> {
     let path = &p.file;
     Ok(
         match FileKind::of(path, &[Vdb, Mesh, FileKind::Cell, Scaffold])? {
-            Vdb => super::vdb::level_set(path, tools)?,
+            Vdb => super::vdb::level_set(path, None, tools)?,
             Mesh => voxelized(p, &read_mesh(path)?.mesh, tools)?,
             Scaffold => {
                 let scaffold = read_scaffold(path)?.scaffold;

@@ -41,6 +41,8 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
         memory: p.memory,
         out: p.out.clone(),
         strict: session.strict(),
+        brief: false,
+        isolated: Some(super::vdb::reader()?),
     };
     if p.dry_run {
         let estimate = plan(&recipe, &options, session)?;

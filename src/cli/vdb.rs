@@ -1,11 +1,12 @@
-//! Opening `.vdb` files: a child process reads a file first, so that a damaged one cannot bring the
-//! program down.
+//! Opening `.vdb` files: a child process reads a file and hands over what is wanted, so that a damaged
+//! one cannot bring the program down.
 
 use super::{Failure, Session};
-use crate::vdb::{self, FileInfo, LevelSet, isolate};
-use clap::Args;
+use crate::vdb::isolate::{self, Program};
+use crate::vdb::{self, FileInfo, LevelSet};
+use clap::{Args, ValueEnum};
+use std::ffi::OsString;
 use std::path::{Path, PathBuf};
-use std::process::Command;
 
 /// Name of the hidden command that the child runs.
 pub(super) const CHILD: &str = "inspect-vdb";
@@ -15,38 +16,65 @@ pub(super) struct Parameters {
     file: PathBuf,
     memory: u64,
     milliseconds: u64,
+    wanted: Wanted,
+    grid: Option<String>,
+}
+
+/// What a child hands over.
+#[derive(Clone, Copy, ValueEnum)]
+enum Wanted {
+    /// A description of the whole file.
+    Info,
+    /// One grid of floats.
+    Grid,
 }
 
 /// The child's part.
-#[allow(clippy::unnecessary_wraps)] // every command answers alike
 pub(super) fn answer(p: &Parameters, _: &Session) -> Result<super::Answer, Failure> {
     let limits = isolate::Limits {
         memory: p.memory,
         milliseconds: p.milliseconds,
     };
-    let line = isolate::report(&p.file, limits);
+    let line = match p.wanted {
+        Wanted::Info => isolate::report(&p.file, limits),
+        Wanted::Grid => {
+            let out = std::io::stdout().lock();
+            isolate::send(&p.file, p.grid.as_deref(), limits, out)
+                .map_err(|e| crate::io::ReadError::io(&p.file, e))?;
+            String::new()
+        }
+    };
     Ok(super::Answer::new(line, serde_json::Value::Null))
+}
+
+/// How this program is started as that child.
+pub(super) fn reader() -> Result<Program, Failure> {
+    let path = std::env::current_exe()
+        .map_err(|e| crate::io::ReadError::io(Path::new("the program itself"), e))?;
+    Ok(Program {
+        path,
+        arguments: vec![OsString::from(CHILD)],
+    })
 }
 
 /// What is in a file, found out by a child.
 pub(super) fn inspect(path: &Path) -> Result<FileInfo, Failure> {
-    let size = std::fs::metadata(path)
-        .map_err(|e| crate::io::ReadError::io(path, e))?
-        .len();
-    let limits = isolate::Limits::for_size(size);
-    let program = std::env::current_exe().map_err(|e| crate::io::ReadError::io(path, e))?;
-    let mut child = Command::new(program);
-    child
-        .arg(CHILD)
-        .arg(path)
-        .args([limits.memory, limits.milliseconds].map(|n| n.to_string()));
-    Ok(isolate::inspect(child, path, limits)?)
+    Ok(reader()?.inspect(path)?)
 }
 
-/// The level set of a file that a child has read before; its first one where it has several.
-pub(super) fn level_set(path: &Path, session: vdb::Session<'_>) -> Result<LevelSet, Failure> {
-    inspect(path)?;
-    Ok(LevelSet::read(path, None, session)?)
+/// The level set of a file, read by a child: `surface`, or the only one, or the one of this name; of a
+/// fog volume the surface of half density.
+pub(super) fn level_set(
+    path: &Path,
+    name: Option<&str>,
+    session: vdb::Session<'_>,
+) -> Result<LevelSet, Failure> {
+    let volume = reader()?.fetch(path, name)?;
+    let info = volume.info()?;
+    if info.class == "fog volume" {
+        return Ok(volume.isosurface(0.5, 3.0, session)?);
+    }
+    Ok(volume.into_level_set(path, session)?)
 }
 
 /// Looks into voxels that a cell is made from, if they are a `.vdb`, by a child.

@@ -95,6 +95,12 @@ pub enum RunError {
         /// The recipe's unit.
         unit: &'static str,
     },
+    /// A level set has other voxels than the recipe, which wants the same.
+    #[error("{0}; same_voxels = true refuses that")]
+    Voxels(String),
+    /// Something without end is to be added.
+    #[error("{0} has no end; expected a solid within a box (a plane only cuts)")]
+    Endless(String),
     /// The solid has no surface.
     #[error("the solid is empty after {0}")]
     Empty(String),

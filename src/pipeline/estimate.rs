@@ -7,7 +7,7 @@
 
 use super::error::{RunError, short};
 use super::memory;
-use super::shape::{field_operations, shape};
+use super::shape::shape;
 use super::stock::Stock;
 use crate::band::{self, Sampling};
 use crate::frame::Transform;
@@ -106,6 +106,16 @@ fn sample(
     progress: &dyn Progress,
     most: f64,
 ) -> Result<Counts, RunError> {
+    if let Some(start) = stock.volumes.start() {
+        let info = start.info().map_err(RunError::level_set("counting"))?;
+        return Ok(Counts {
+            blocks: info.leaves as f64 / 512.0,
+            leaves_touched: 0.0,
+            leaves: info.leaves as f64,
+            active: info.active_voxels as f64,
+            seconds_per_leaf: 0.0,
+        });
+    }
     let scale = stock.recipe.scale();
     let extent = shape(stock, scale)?.extent;
     let edges = extent.size() / scale.voxel_size;
@@ -172,7 +182,7 @@ fn predict(stock: &Stock, threads: &Threads, c: &Counts) -> Estimate {
     let (mut peak, mut left) = (tree, 0.0);
     let mut seconds = c.leaves_touched * c.seconds_per_leaf / threads.count() as f64;
     let speed = 2.0 / threads.count() as f64;
-    for op in &sections.op[field_operations(&sections.op)..] {
+    for op in &sections.op[stock.pointwise()..] {
         let (copies, ns) = cost(op, stock.recipe.scale());
         peak = peak.max(tree * (1.0 + copies));
         // Half of what a filter has used stays with the allocator.
@@ -229,17 +239,24 @@ fn pixels(output: &Output) -> f64 {
 
 /// Extra copies of the tree and nanoseconds per active voxel (2 threads) of an operation.
 fn cost(op: &Op, scale: Scale) -> (f64, f64) {
-    let steps = |size: &crate::recipe::Size| 2.0 * size.resolve(scale) / scale.voxel_size;
+    let voxels = |size: &crate::recipe::Size| size.resolve(scale) / scale.voxel_size;
+    let steps = |size: &crate::recipe::Size| (2.0 * voxels(size)).max(1.0);
     match op {
         Op::Intersect(_) | Op::Union(_) | Op::Subtract(_) => (1.0, 100.0),
-        Op::Dilate(d) | Op::Erode(d) => (1.0, 200.0 * steps(d).max(1.0)),
-        Op::Open(d) | Op::Close(d) => (1.0, 400.0 * steps(d).max(1.0)),
+        Op::Blend(b) => (4.0 + voxels(&b.radius), 500.0 * voxels(&b.radius).max(1.0)),
+        Op::Dilate(d) | Op::Erode(d) => (1.0, 200.0 * steps(&d.distance)),
+        Op::Open(d) | Op::Close(d) => (1.0, 400.0 * steps(&d.distance)),
+        Op::Hollow(h) => (2.0, 200.0 * steps(&h.thickness)),
+        Op::Fillet(f) => (2.0, 100.0 * voxels(&f.radius).powi(2).max(10.0)),
+        Op::Resample(_) => (2.0, 2000.0),
+        Op::Trim(_) | Op::Prune(_) => (0.2, 20.0),
+        Op::Fog(_) => (1.0, 20.0),
         Op::Gaussian(k) => (2.8, 1150.0 * f64::from(k.iterations.0)),
         Op::Mean(k) => (1.0, 290.0 * f64::from(k.iterations.0)),
         Op::Median(k) => (1.0, 550.0 * f64::from(k.iterations.0)),
         Op::Laplacian(f) => (1.0, 240.0 * f64::from(f.iterations.0)),
         Op::Curvature(f) => (1.0, 320.0 * f64::from(f.iterations.0)),
         Op::Renormalise(r) => (1.0, 50.0 * f64::from(r.iterations.0)),
-        Op::KeepLargest(_) | Op::DropSmall(_) => (1.2, 100.0),
+        Op::KeepLargest(_) | Op::DropSmall(_) | Op::FillVoids(_) => (1.2, 100.0),
     }
 }

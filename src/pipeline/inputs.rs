@@ -75,7 +75,8 @@ impl<'a> Inputs<'a> {
     /// W101: two inputs in world space whose boxes differ more than a hundredfold.
     pub fn compare_boxes(&mut self) -> Result<(), RunError> {
         let size = |i: &Input| i.bounds.half_diagonal();
-        let world = || self.files.iter().filter(|i| !i.key.starts_with("cell."));
+        let placed = |i: &&Input| !i.key.starts_with("cell.") && !i.bounds.is_empty();
+        let world = || self.files.iter().filter(placed);
         let least = world().min_by(|a, b| size(a).total_cmp(&size(b)));
         let most = world().max_by(|a, b| size(a).total_cmp(&size(b)));
         let Some((least, most)) = least.zip(most) else {

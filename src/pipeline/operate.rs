@@ -2,19 +2,22 @@
 
 use super::error::RunError;
 use super::report::SolidReport;
-use super::shape::{Shape, operand};
+use super::shape::{Shape, operand, trim_box};
 use super::stock::Stock;
+use super::volumes::resample_placement;
 use crate::band::{BandStats, evaluate};
+use crate::field::{BoxSolid, Intersection};
 use crate::frame::Transform;
 use crate::progress::{Progress, Threads};
-use crate::recipe::{Kernel, Op, Scale};
-use crate::vdb::{LevelSet, LevelSetBuilder, Session};
+use crate::recipe::{Kernel, Op, Resample, Scale, Side};
+use crate::vdb::{LevelSet, LevelSetBuilder, Scheme, Session, VdbError, WallSide};
 
 /// What every stage of a run shares.
 #[derive(Clone, Copy)]
 pub(super) struct Bench<'a> {
     pub threads: &'a Threads,
     pub progress: &'a dyn Progress,
+    /// Its voxel size is that of the solid: resampling changes it.
     pub scale: Scale,
     pub half_width: f64,
 }
@@ -56,35 +59,91 @@ impl<'a> Bench<'a> {
 
 /// Applies operation number `n` to the solid.
 pub(super) fn apply(
-    bench: Bench,
+    bench: &mut Bench,
     stock: &Stock,
     (n, op): (usize, &Op),
     solid: &mut LevelSet,
     report: &mut SolidReport,
 ) -> Result<(), RunError> {
-    let stage = format!("op.{n}.{}", op.name());
-    let session = bench.session();
-    bench.progress.stage(op.name(), None);
-    let kernel = |k: &Kernel| {
-        let width = k.width.voxels(bench.scale).round().clamp(1.0, 4096.0);
-        (width as u32, k.iterations.0)
+    let key = format!("op.{n}");
+    let stage = format!("{key}.{}", op.name());
+    let failed = RunError::level_set(&stage);
+    let scheme = if op.is_precise() {
+        Scheme::Weno5
+    } else {
+        Scheme::First
     };
-    let length = |size: &crate::recipe::Size| size.resolve(bench.scale);
-    let mut dropped = None;
-    let done = match op {
-        Op::Intersect(o) | Op::Union(o) | Op::Subtract(o) => {
-            let shape = operand(stock, o, &format!("op.{n}"), bench.scale);
-            let (other, _) = bench.sample(&shape, op.name())?;
-            match op {
-                Op::Intersect(_) => solid.intersect(other, session),
-                Op::Union(_) => solid.union(other, session),
-                _ => solid.subtract(other, session),
+    let session = bench.session().with_scheme(scheme);
+    bench.progress.stage(op.name(), None);
+    match op {
+        Op::Intersect(_) | Op::Union(_) | Op::Subtract(_) | Op::Blend(_) => {
+            combine(*bench, stock, (n, op), solid, session)?;
+        }
+        Op::Resample(r) => resample(bench, r, solid, &failed)?,
+        Op::KeepLargest(true) | Op::DropSmall(_) | Op::FillVoids(_) => {
+            let dropped = match op {
+                Op::DropSmall(d) => solid.drop_small(d.volume.0, session),
+                Op::FillVoids(most) => solid.fill_voids(most.0, session),
+                _ => solid.keep_largest(session),
+            };
+            let dropped = dropped.map_err(&failed)?;
+            if matches!(op, Op::FillVoids(_)) {
+                report.filled_voids += dropped.pieces as u64;
+                report.filled_volume += dropped.volume;
+            } else {
+                report.dropped_components += dropped.pieces as u64;
+                report.dropped_volume += dropped.volume;
             }
         }
-        Op::Dilate(d) => solid.dilate(length(d), session),
-        Op::Erode(d) => solid.erode(length(d), session),
-        Op::Open(d) => solid.open(length(d), session),
-        Op::Close(d) => solid.close(length(d), session),
+        _ => match op.mask() {
+            Some(mask) => {
+                let mask = stock.volumes.mask(&key, mask);
+                let distance = |m: &crate::recipe::Move| m.distance.resolve(bench.scale);
+                match op {
+                    Op::Dilate(m) => solid.move_by(distance(m), mask, session),
+                    Op::Erode(m) => solid.move_by(-distance(m), mask, session),
+                    _ => solid.duplicate().and_then(|before| {
+                        alone(op, solid, bench.scale, session)?;
+                        solid.mix(&before, mask, session)
+                    }),
+                }
+            }
+            None => alone(op, solid, bench.scale, session),
+        }
+        .map_err(&failed)?,
+    }
+    let left = solid.active_voxels().map_err(&failed)?;
+    if left == 0 {
+        return Err(RunError::Empty(stage.clone()));
+    }
+    Ok(())
+}
+
+/// Operations that need nothing but the solid.
+fn alone(
+    op: &Op,
+    solid: &mut LevelSet,
+    scale: Scale,
+    session: Session<'_>,
+) -> Result<(), VdbError> {
+    let kernel = |k: &Kernel| {
+        let width = k.width.voxels(scale).round().clamp(1.0, 4096.0);
+        (width as u32, k.iterations.0)
+    };
+    match op {
+        Op::Dilate(d) => solid.dilate(d.distance.resolve(scale), session),
+        Op::Erode(d) => solid.erode(d.distance.resolve(scale), session),
+        Op::Open(d) => solid.open(d.distance.resolve(scale), session),
+        Op::Close(d) => solid.close(d.distance.resolve(scale), session),
+        Op::Hollow(h) => {
+            let side = match h.side {
+                Side::Inside => WallSide::Inside,
+                Side::Outside => WallSide::Outside,
+                Side::Both => WallSide::Both,
+            };
+            solid.hollow(h.thickness.resolve(scale), side, session)
+        }
+        Op::Fillet(f) => solid.fillet(f.radius.resolve(scale), session),
         Op::Gaussian(k) => {
             let (width, iterations) = kernel(k);
             solid.gaussian(width, iterations, session)
@@ -100,16 +159,89 @@ pub(super) fn apply(
         Op::Laplacian(f) => solid.laplacian(f.iterations.0, session),
         Op::Curvature(f) => solid.curvature(f.iterations.0, session),
         Op::Renormalise(r) => solid.renormalise(r.iterations.0, session),
-        Op::KeepLargest(false) => Ok(()),
-        Op::KeepLargest(true) => solid.keep_largest(session).map(|d| dropped = Some(d)),
-        Op::DropSmall(d) => solid
-            .drop_small(d.volume.0, session)
-            .map(|d| dropped = Some(d)),
-    };
-    done.map_err(RunError::level_set(&stage))?;
-    if let Some(dropped) = dropped {
-        report.dropped_components += dropped.pieces as u64;
-        report.dropped_volume += dropped.volume;
+        Op::Trim(t) => solid.trim(trim_box(t, scale), session),
+        Op::Prune(true) => solid.prune(session),
+        // What is switched off, what `apply` does itself, and fog, which is a matter of the output.
+        _ => Ok(()),
     }
+}
+
+/// Operations with another solid.
+fn combine(
+    bench: Bench,
+    stock: &Stock,
+    (n, op): (usize, &Op),
+    solid: &mut LevelSet,
+    session: Session<'_>,
+) -> Result<(), RunError> {
+    let Some(other) = op.operand() else {
+        return Ok(());
+    };
+    let stage = format!("op.{n}.{}", op.name());
+    let failed = RunError::level_set(&stage);
+    let mut shape = operand(stock, other, &format!("op.{n}"), bench.scale);
+    if !shape.extent.size().iter().all(|s| s.is_finite()) {
+        if !matches!(op, Op::Intersect(_) | Op::Subtract(_)) {
+            return Err(RunError::Endless(shape.name));
+        }
+        // Half of space, as far as the solid goes.
+        let margin = solid.background() + 3.0 * bench.scale.voxel_size;
+        let room = solid.bounds().map_err(&failed)?.dilated(margin);
+        shape = Shape {
+            field: Box::new(Intersection(vec![shape.field, Box::new(BoxSolid(room))])),
+            extent: room,
+            name: shape.name,
+        };
+    }
+    // Solids of others may stand between the voxels of the world's lattice.
+    let own = bench.with_half_width(solid.half_width());
+    let (mut other, _) = if solid.origin() == crate::frame::Vec3::zeros() {
+        own.sample(&shape, op.name())?
+    } else {
+        let shift = solid.origin();
+        let moved = Shape {
+            extent: crate::frame::Aabb {
+                min: shape.extent.min - shift,
+                max: shape.extent.max - shift,
+            },
+            field: Box::new(super::shape::Shifted {
+                field: shape.field,
+                by: shift,
+            }),
+            name: shape.name,
+        };
+        own.sample(&moved, op.name())?
+    };
+    other.place_at(solid.origin()).map_err(&failed)?;
+    match op {
+        Op::Intersect(_) => solid.intersect(other, session),
+        Op::Subtract(_) => solid.subtract(other, session),
+        Op::Blend(b) => solid.blend(other, b.radius.resolve(bench.scale), session),
+        _ => solid.union(other, session),
+    }
+    .map_err(&failed)
+}
+
+impl Bench<'_> {
+    fn with_half_width(self, half_width: f64) -> Self {
+        Self { half_width, ..self }
+    }
+}
+
+fn resample(
+    bench: &mut Bench,
+    op: &Resample,
+    solid: &mut LevelSet,
+    failed: &impl Fn(VdbError) -> RunError,
+) -> Result<(), RunError> {
+    let session = bench.session();
+    let placement = resample_placement(op, bench.scale);
+    if let Some(size) = op.voxel_size {
+        bench.scale.voxel_size = size.resolve(bench.scale);
+    }
+    bench.half_width = op.half_width.map_or(solid.half_width(), |w| w.0);
+    *solid = solid
+        .resampled(bench.transform()?, bench.half_width, placement, session)
+        .map_err(failed)?;
     Ok(())
 }

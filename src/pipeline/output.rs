@@ -6,7 +6,7 @@ use super::report::OutputFile;
 use crate::frame::LengthUnit;
 use crate::io::atomic::{StagedPath, write_bytes};
 use crate::mesh::TriMesh;
-use crate::recipe::{Output, OutputKind, Recipe};
+use crate::recipe::{Op, Output, OutputKind, Recipe};
 use crate::vdb::{LevelSet, VdbWriter};
 use std::path::{Path, PathBuf};
 
@@ -78,7 +78,8 @@ fn write_vdb(
     unit: LengthUnit,
 ) -> Result<String, RunError> {
     let staged = StagedPath::create(path)?;
-    let fog = if output.fog {
+    let fog_alone = matches!(recipe.sections().op.last(), Some(Op::Fog(true)));
+    let fog = if output.fog || fog_alone {
         Some(
             solid
                 .to_fog(bench.session())
@@ -89,7 +90,9 @@ fn write_vdb(
     };
     let factor = recipe.unit().to(unit);
     let mut file = VdbWriter::new(path, bench.session())?.scaled(factor);
-    file.level_set("surface", solid)?;
+    if !fog_alone {
+        file.level_set("surface", solid)?;
+    }
     if let Some(fog) = &fog {
         file.fog("density", fog, false)?;
     }

@@ -201,6 +201,10 @@ pub struct SolidReport {
     pub dropped_components: u64,
     /// Their volume.
     pub dropped_volume: f64,
+    /// Voids that `fill_voids` closed.
+    pub filled_voids: u64,
+    /// Their volume.
+    pub filled_volume: f64,
     /// First percentile of the diameters of the largest inscribed balls.
     pub least_wall: Option<f64>,
     /// Where it was found.
@@ -268,6 +272,8 @@ impl Warning {
     pub const WEIGHTS: &'static str = "W109";
     /// W110: a transition along which the solid falls apart.
     pub const TRANSITION: &'static str = "W110";
+    /// W111: a level set of other voxels than the recipe's, resampled.
+    pub const RESAMPLED: &'static str = "W111";
 }
 
 fn corners<S: serde::Serializer>(b: &Aabb, s: S) -> Result<S::Ok, S::Error> {

@@ -6,10 +6,13 @@
 
 use super::error::RunError;
 use super::stock::Stock;
-use crate::field::{BoxSolid, Complement, Field, Intersection, Sphere, Union, WorldField};
+use crate::field::{
+    BoxSolid, Capsule, Complement, Cylinder, Field, HalfSpace, Intersection, Sphere, Union,
+    WorldField,
+};
 use crate::frame::{Aabb, Vec3};
 use crate::mesh::{Side as MeshSide, Skin};
-use crate::recipe::{Length, Op, Operand, Scale, Side};
+use crate::recipe::{Length, Op, Operand, Scale, Side, Trim};
 
 /// A solid as a field, the box it lies in, and what it is called in messages.
 pub(super) struct Shape<'a> {
@@ -20,7 +23,7 @@ pub(super) struct Shape<'a> {
 
 /// How many operations from the first act on the field.
 pub(super) fn field_operations(ops: &[Op]) -> usize {
-    ops.iter().take_while(|op| op.operand().is_some()).count()
+    ops.iter().take_while(|op| op.is_pointwise()).count()
 }
 
 /// The solid after its field operations, for voxels of one size.
@@ -29,17 +32,25 @@ pub(super) fn shape<'a>(stock: &'a Stock, scale: Scale) -> Result<Shape<'a>, Run
     let mut shape = stock.tiled(scale)?;
     let count = field_operations(&sections.op);
     for (n, op) in sections.op[..count].iter().enumerate() {
-        if let Some(operand) = op.operand() {
-            let other = self::operand(stock, operand, &format!("op.{n}"), scale);
-            shape = Some(match shape {
-                Some(shape) => combine(op, shape, other)?,
-                None => other,
-            });
-        }
+        let key = format!("op.{n}");
+        let other = match op {
+            Op::Trim(trim) => boxed(trim_box(trim, scale), format!("the box of {key}")),
+            _ => match op.operand() {
+                Some(operand) => self::operand(stock, operand, &key, scale),
+                None => continue,
+            },
+        };
+        shape = Some(match shape {
+            Some(shape) => combine(op, shape, other)?,
+            None => other,
+        });
     }
     let shape = shape.ok_or_else(|| RunError::Empty("no operation".into()))?;
     if shape.extent.is_empty() {
         return Err(RunError::Empty(shape.name));
+    }
+    if !shape.extent.size().iter().all(|s| s.is_finite()) {
+        return Err(RunError::Endless(shape.name));
     }
     Ok(shape)
 }
@@ -48,7 +59,7 @@ pub(super) fn shape<'a>(stock: &'a Stock, scale: Scale) -> Result<Shape<'a>, Run
 fn combine<'a>(op: &Op, a: Shape<'a>, b: Shape<'a>) -> Result<Shape<'a>, RunError> {
     let name = a.name.clone();
     Ok(match op {
-        Op::Intersect(_) => {
+        Op::Intersect(_) | Op::Trim(_) => {
             if !a.extent.meets(b.extent) {
                 return Err(RunError::Apart {
                     left_name: a.name,
@@ -119,12 +130,97 @@ pub(super) fn operand<'a>(
             let half = Vec3::from(block.size.map(|s| s.resolve(scale))) / 2.0;
             let centre = point(&block.centre);
             let extent = Aabb::of([centre - half, centre + half]);
+            boxed(extent, format!("the box of {key}"))
+        }
+        Operand::Vdb(_) => {
+            let solid = stock.volumes.solid(key);
             Shape {
-                extent,
-                field: Box::new(BoxSolid(extent)),
-                name: format!("the box of {key}"),
+                extent: solid.bounds(),
+                field: Box::new(Borrowed(solid)),
+                name: format!("the level set of {key}"),
             }
         }
+        Operand::Cylinder(rod) => {
+            let solid = Cylinder {
+                ends: [point(&rod.from), point(&rod.to)],
+                radius: rod.radius.resolve(scale),
+            };
+            Shape {
+                extent: solid.bounds(),
+                field: Box::new(solid),
+                name: format!("the cylinder of {key}"),
+            }
+        }
+        Operand::Capsule(rod) => {
+            let solid = Capsule {
+                ends: [point(&rod.from), point(&rod.to)],
+                radius: rod.radius.resolve(scale),
+            };
+            Shape {
+                extent: solid.bounds(),
+                field: Box::new(solid),
+                name: format!("the capsule of {key}"),
+            }
+        }
+        Operand::Plane(plane) => {
+            let normal = Vec3::from(plane.normal.map(|c| c.0));
+            Shape {
+                extent: Aabb {
+                    min: Vec3::repeat(f64::NEG_INFINITY),
+                    max: Vec3::repeat(f64::INFINITY),
+                },
+                field: Box::new(HalfSpace {
+                    point: point(&plane.point),
+                    normal: normal.try_normalize(0.0).unwrap_or_else(Vec3::z),
+                }),
+                name: format!("the plane of {key}"),
+            }
+        }
+    }
+}
+
+/// The box of a `trim`, world units; empty if its corners are exchanged.
+pub(super) fn trim_box(trim: &Trim, scale: Scale) -> Aabb {
+    let point = |c: &[Length; 3]| Vec3::from(c.map(|l| l.resolve(scale)));
+    Aabb {
+        min: point(&trim.min),
+        max: point(&trim.max),
+    }
+}
+
+fn boxed<'a>(extent: Aabb, name: String) -> Shape<'a> {
+    Shape {
+        field: Box::new(BoxSolid(extent)),
+        extent,
+        name,
+    }
+}
+
+/// A field seen from a frame whose origin lies at `by`.
+pub(super) struct Shifted<'a> {
+    pub field: Box<WorldField<'a>>,
+    pub by: Vec3,
+}
+
+impl Field for Shifted<'_> {
+    type Point = crate::frame::WorldPoint;
+    fn value(&self, p: Self::Point) -> f64 {
+        self.field.value(crate::frame::WorldPoint(p.0 + self.by))
+    }
+    fn value_and_gradient(&self, p: Self::Point) -> (f64, Vec3) {
+        self.field
+            .value_and_gradient(crate::frame::WorldPoint(p.0 + self.by))
+    }
+    fn bound(&self, region: &Aabb) -> crate::field::Interval {
+        self.field.bound(&Aabb {
+            min: region.min + self.by,
+            max: region.max + self.by,
+        })
+    }
+    fn fill(&self, lattice: &crate::field::SampleLattice<Self::Point>, out: &mut [f32]) {
+        let origin = crate::frame::WorldPoint(lattice.origin.0 + self.by);
+        self.field
+            .fill(&crate::field::SampleLattice { origin, ..*lattice }, out);
     }
 }
 

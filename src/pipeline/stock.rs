@@ -1,11 +1,13 @@
 //! What a run is made of, read once: the meshes of its operations, its scaffold, its cell.
 
+use super::RunOptions;
 use super::error::{RunError, short};
 use super::filling::{Fill, Filled};
 use super::inputs::{Inputs, hash_text};
 use super::report::{Report, SolidReport, Warning};
 use super::scaffold;
-use super::shape::{Borrowed, Shape};
+use super::shape::{Borrowed, Shape, field_operations};
+use super::volumes::Volumes;
 use crate::field::{Intersection, WorldField};
 use crate::mesh::MeshSolid;
 use crate::progress::{Progress, Threads};
@@ -20,6 +22,8 @@ use std::sync::Arc;
 pub(super) struct Stock<'a> {
     /// The recipe.
     pub recipe: &'a Recipe,
+    /// Grids of OpenVDB files.
+    pub volumes: Volumes,
     inputs: Inputs<'a>,
     solids: BTreeMap<String, Arc<MeshSolid>>,
     tiling: Option<Fill>,
@@ -30,12 +34,13 @@ impl<'a> Stock<'a> {
     pub fn load(
         recipe: &'a Recipe,
         threads: &Threads,
-        strict: bool,
+        options: &RunOptions,
         progress: &dyn Progress,
     ) -> Result<Self, RunError> {
         let mut stock = Self {
             recipe,
-            inputs: Inputs::new(recipe, strict),
+            inputs: Inputs::new(recipe, options.strict),
+            volumes: Volumes::default(),
             solids: BTreeMap::new(),
             tiling: None,
         };
@@ -44,6 +49,8 @@ impl<'a> Stock<'a> {
             stock.load_solids()?;
             stock.load_tiling(Session::new(threads, progress))
         })?;
+        let reader = options.isolated.as_ref();
+        stock.volumes = Volumes::load(&mut stock.inputs, reader, threads, progress)?;
         stock.inputs.compare_boxes()?;
         Ok(stock)
     }
@@ -144,6 +151,14 @@ impl<'a> Stock<'a> {
             }
         }
         Ok(())
+    }
+
+    /// How many operations from the first are done before the level set is there.
+    pub fn pointwise(&self) -> usize {
+        match self.volumes.start() {
+            Some(_) => 1,
+            None => field_operations(&self.recipe.sections().op),
+        }
     }
 
     /// The mesh of an operation, by its key `op.N`.

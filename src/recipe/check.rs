@@ -1,9 +1,10 @@
 //! What no single key can know: rules between the sections of a recipe.
 
 use super::error::{RecipeError, nearest};
-use super::op::{Op, Operand};
+use super::op::Op;
+use super::operand::Operand;
 use super::output::OutputKind;
-use super::quantity::{Length, Size, Width};
+use super::quantity::{Length, Width};
 use super::source::Source;
 use super::{CellSection, FileRef, ScaffoldSection, Sections, Solid, TilingSection, VERSION};
 use crate::polymesh::Script;
@@ -34,6 +35,12 @@ pub(super) fn check(sections: &Sections, source: &Source) -> Checked {
     }
     for (n, op) in sections.op.iter().enumerate() {
         operation(op, &format!("op.{n}"), source)?;
+        if *op == Op::Fog(true) && n + 1 < sections.op.len() {
+            return Err(source.fault(
+                &format!("op.{n}.fog"),
+                "nothing can be done to a fog volume; expected fog to be the last operation",
+            ));
+        }
     }
     start(sections, source)?;
     outputs(sections, source)
@@ -295,8 +302,30 @@ fn no_voxels(length: Length, key: &str, source: &Source) -> Checked {
 }
 
 fn operation(op: &Op, key: &str, source: &Source) -> Checked {
-    if let Some(Operand::Skin(skin)) = op.operand() {
-        let _: Size = skin.thickness;
+    if let Some(Operand::Plane(plane)) = op.operand() {
+        if plane.normal.iter().all(|c| c.0 == 0.0) {
+            let key = format!("{key}.{}", op.name());
+            return Err(source.fault(&key, "the plane's normal is 0; expected a direction"));
+        }
+    }
+    if let (Op::Open(_) | Op::Close(_), Some(_)) = (op, op.mask()) {
+        return Err(source
+            .fault(
+                &format!("{key}.{}", op.name()),
+                format!("{} takes no mask", op.name()),
+            )
+            .hint("mask its two halves, dilate and erode"));
+    }
+    if let Some(range) = op.mask().map(|m| m.range) {
+        if range[1].0 <= range[0].0 {
+            return Err(source.fault(
+                &format!("{key}.{}", op.name()),
+                format!(
+                    "the mask's range goes from {} to {}; expected it to ascend",
+                    range[0], range[1]
+                ),
+            ));
+        }
     }
     if let Op::Gaussian(k) | Op::Mean(k) | Op::Median(k) = op {
         let Width(width) = k.width;

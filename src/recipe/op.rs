@@ -1,10 +1,12 @@
 //! `[[op]]`: what is done to the solid, in order.
 
 use super::brief::{Brief, Short};
-use super::file::FileRef;
-use super::quantity::{Length, Positive, Size, Width};
+use super::operand::{Mask, Operand, Side};
+use super::quantity::{Finite, HalfWidth, Length, Positive, Size, Width};
 use schemars::JsonSchema;
 use serde::Deserialize;
+use serde::de::{Deserializer, Visitor};
+use std::fmt;
 
 /// One operation. Those before the first that needs neighbours act on the exact field.
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
@@ -16,14 +18,22 @@ pub enum Op {
     Union(Operand),
     /// Take the operand away.
     Subtract(Operand),
+    /// Add the operand, with the seam rounded.
+    Blend(Blend),
+    /// Keep what lies in a box.
+    Trim(Trim),
     /// Move the surface outward.
-    Dilate(Size),
+    Dilate(Brief<Move>),
     /// Move the surface inward.
-    Erode(Size),
+    Erode(Brief<Move>),
     /// Erode, then dilate: removes what is thinner than twice the distance.
-    Open(Size),
+    Open(Brief<Move>),
     /// Dilate, then erode: fills gaps narrower than twice the distance.
-    Close(Size),
+    Close(Brief<Move>),
+    /// Keep only a wall along the surface.
+    Hollow(Brief<Hollow>),
+    /// Fill concave edges to a radius.
+    Fillet(Brief<Fillet>),
     /// Gaussian smoothing of the level set.
     Gaussian(Brief<Kernel>),
     /// Box-mean smoothing of the level set.
@@ -36,10 +46,18 @@ pub enum Op {
     Curvature(Brief<Flow>),
     /// Make the values distances again.
     Renormalise(Brief<Renormalise>),
+    /// Other voxels, another place.
+    Resample(Brief<Resample>),
     /// Keep the component of greatest volume, report what was dropped.
     KeepLargest(bool),
     /// Drop components under a volume (cubic recipe units).
     DropSmall(Brief<DropSmall>),
+    /// Fill closed voids: all (true), or those up to a volume (cubic recipe units).
+    FillVoids(UpTo),
+    /// Drop nodes of the tree that say nothing; the surface stays.
+    Prune(bool),
+    /// Write the fog volume "density" instead of the level set; the last operation.
+    Fog(bool),
 }
 
 impl Op {
@@ -49,104 +67,257 @@ impl Op {
             Self::Intersect(_) => "intersect",
             Self::Union(_) => "union",
             Self::Subtract(_) => "subtract",
+            Self::Blend(_) => "blend",
+            Self::Trim(_) => "trim",
             Self::Dilate(_) => "dilate",
             Self::Erode(_) => "erode",
             Self::Open(_) => "open",
             Self::Close(_) => "close",
+            Self::Hollow(_) => "hollow",
+            Self::Fillet(_) => "fillet",
             Self::Gaussian(_) => "gaussian",
             Self::Mean(_) => "mean",
             Self::Median(_) => "median",
             Self::Laplacian(_) => "laplacian",
             Self::Curvature(_) => "curvature",
             Self::Renormalise(_) => "renormalise",
+            Self::Resample(_) => "resample",
             Self::KeepLargest(_) => "keep_largest",
             Self::DropSmall(_) => "drop_small",
+            Self::FillVoids(_) => "fill_voids",
+            Self::Prune(_) => "prune",
+            Self::Fog(_) => "fog",
         }
     }
 
-    /// The solid it is combined with, for the three operations that have one.
+    /// The solid it is combined with, for the operations that have one.
     pub fn operand(&self) -> Option<&Operand> {
         match self {
             Self::Intersect(o) | Self::Union(o) | Self::Subtract(o) => Some(o),
+            Self::Blend(b) => Some(&b.with),
             _ => None,
+        }
+    }
+
+    /// Whether it acts on fields: minimum and maximum only.
+    pub fn is_pointwise(&self) -> bool {
+        matches!(
+            self,
+            Self::Intersect(_) | Self::Union(_) | Self::Subtract(_) | Self::Trim(_)
+        )
+    }
+
+    /// Where it acts, if not everywhere alike.
+    pub fn mask(&self) -> Option<&Mask> {
+        let mask = match self {
+            Self::Dilate(m) | Self::Erode(m) | Self::Open(m) | Self::Close(m) => &m.mask,
+            Self::Gaussian(k) | Self::Mean(k) | Self::Median(k) => &k.mask,
+            Self::Laplacian(f) | Self::Curvature(f) => &f.mask,
+            Self::Fillet(f) => &f.mask,
+            _ => return None,
+        };
+        mask.as_deref()
+    }
+
+    /// Whether the scheme of fifth order is asked for.
+    pub fn is_precise(&self) -> bool {
+        match self {
+            Self::Dilate(m) | Self::Erode(m) | Self::Open(m) | Self::Close(m) => m.precise,
+            Self::Gaussian(k) | Self::Mean(k) | Self::Median(k) => k.precise,
+            Self::Laplacian(f) | Self::Curvature(f) => f.precise,
+            Self::Hollow(h) => h.precise,
+            Self::Fillet(f) => f.precise,
+            Self::Renormalise(r) => r.precise,
+            Self::Blend(b) => b.precise,
+            _ => false,
         }
     }
 }
 
-/// A solid to combine with.
-#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum Operand {
-    /// The inside of a closed mesh.
-    Mesh(FileRef),
-    /// A wall along a closed mesh.
-    Skin(Skin),
-    /// A ball.
-    Sphere(Ball),
-    /// An axis-aligned box.
-    Box(Block),
-}
-
-/// A wall along a closed mesh.
+/// A union with a rounded seam.
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-pub struct Skin {
-    /// The mesh.
-    pub mesh: FileRef,
+pub struct Blend {
+    /// What is added.
+    pub with: Operand,
+    /// How far from the seam the rounding begins.
+    pub radius: Size,
+    /// Keep distances with the scheme of fifth order.
+    #[serde(default)]
+    pub precise: bool,
+}
+
+/// A box by two corners.
+#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Trim {
+    /// Least x, y, z.
+    pub min: [Length; 3],
+    /// Greatest x, y, z.
+    pub max: [Length; 3],
+}
+
+/// A move of the surface.
+#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Move {
+    /// How far, at the mask's full share.
+    pub distance: Size,
+    /// Where it acts (dilate and erode only): distances vary in proportion.
+    pub mask: Option<Brief<Mask>>,
+    /// Keep distances with the scheme of fifth order: three to four times slower.
+    #[serde(default)]
+    pub precise: bool,
+}
+
+impl Short for Move {
+    type First = Size;
+    fn short(distance: Size) -> Self {
+        Self {
+            distance,
+            mask: None,
+            precise: false,
+        }
+    }
+}
+
+/// A wall along the surface.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Hollow {
     /// Full thickness of the wall.
     pub thickness: Size,
-    /// On which side of the mesh the wall lies.
+    /// On which side of the surface it lies.
     #[serde(default)]
     pub side: Side,
+    /// Keep distances with the scheme of fifth order.
+    #[serde(default)]
+    pub precise: bool,
 }
 
-/// Side of a mesh.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
-#[serde(rename_all = "lowercase")]
-pub enum Side {
-    /// Within the mesh.
-    #[default]
-    Inside,
-    /// Around it.
-    Outside,
-    /// Half the thickness on each side.
-    Both,
+impl Short for Hollow {
+    type First = Size;
+    fn short(thickness: Size) -> Self {
+        Self {
+            thickness,
+            side: Side::default(),
+            precise: false,
+        }
+    }
 }
 
-/// A ball.
+/// Rounded concave edges.
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-pub struct Ball {
-    /// Its radius.
+pub struct Fillet {
+    /// Least radius of a hollow.
     pub radius: Size,
-    /// Its centre.
-    #[serde(default = "origin")]
-    pub centre: [Length; 3],
+    /// Where it acts.
+    pub mask: Option<Brief<Mask>>,
+    /// Keep distances with the scheme of fifth order.
+    #[serde(default)]
+    pub precise: bool,
 }
 
-/// An axis-aligned box.
-#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct Block {
-    /// Edge lengths along x, y, z.
-    pub size: [Size; 3],
-    /// Its centre.
-    #[serde(default = "origin")]
-    pub centre: [Length; 3],
+impl Short for Fillet {
+    type First = Size;
+    fn short(radius: Size) -> Self {
+        Self {
+            radius,
+            mask: None,
+            precise: false,
+        }
+    }
 }
 
-fn origin() -> [Length; 3] {
-    [Length::Bare(0.0); 3]
+/// Other voxels, another place: scale, then rotation about x, y, z, then shift, then sampling.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Resample {
+    /// Edge of the new voxels; as before when left out.
+    pub voxel_size: Option<Size>,
+    /// Half width of the new band in voxels; as before when left out.
+    pub half_width: Option<HalfWidth>,
+    /// Factor on every coordinate.
+    pub scale: Positive,
+    /// Degrees about x, then y, then z.
+    pub rotate: [Finite; 3],
+    /// Shift along x, y, z.
+    pub translate: [Length; 3],
+}
+
+impl Default for Resample {
+    fn default() -> Self {
+        Self {
+            voxel_size: None,
+            half_width: None,
+            scale: Positive(1.0),
+            rotate: [Finite(0.0); 3],
+            translate: [Length::Bare(0.0); 3],
+        }
+    }
+}
+
+impl Short for Resample {
+    type First = Size;
+    fn short(voxel_size: Size) -> Self {
+        Self {
+            voxel_size: Some(voxel_size),
+            ..Self::default()
+        }
+    }
+}
+
+/// A largest volume in cubic recipe units: a number, or true for any.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct UpTo(pub f64);
+
+impl<'de> Deserialize<'de> for UpTo {
+    fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
+        struct Form;
+        impl Visitor<'_> for Form {
+            type Value = UpTo;
+            fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
+                f.write_str("true, false or a positive volume")
+            }
+            fn visit_bool<E: serde::de::Error>(self, all: bool) -> Result<UpTo, E> {
+                Ok(UpTo(if all { f64::INFINITY } else { 0.0 }))
+            }
+            fn visit_f64<E: serde::de::Error>(self, v: f64) -> Result<UpTo, E> {
+                Positive::try_from(v).map(|p| UpTo(p.0)).map_err(E::custom)
+            }
+            fn visit_i64<E: serde::de::Error>(self, v: i64) -> Result<UpTo, E> {
+                self.visit_f64(v as f64)
+            }
+        }
+        d.deserialize_any(Form)
+    }
+}
+
+impl JsonSchema for UpTo {
+    fn schema_name() -> std::borrow::Cow<'static, str> {
+        "UpTo".into()
+    }
+    fn json_schema(_: &mut schemars::SchemaGenerator) -> schemars::Schema {
+        schemars::json_schema!({ "anyOf": [
+            { "type": "boolean" },
+            { "type": "number", "exclusiveMinimum": 0 },
+        ] })
+    }
 }
 
 /// A smoothing kernel.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Kernel {
     /// Radius of the kernel, voxels when bare; rounded to whole voxels, at least one.
     pub width: Width,
     /// How often it is applied.
     pub iterations: Iterations,
+    /// Where it acts.
+    pub mask: Option<Brief<Mask>>,
+    /// Keep distances with the scheme of fifth order: three to four times slower.
+    pub precise: bool,
 }
 
 impl Short for Kernel {
@@ -182,17 +353,24 @@ impl TryFrom<i64> for Iterations {
 }
 
 /// A flow that moves the surface a little at each step.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Flow {
     /// Number of steps.
     pub iterations: Iterations,
+    /// Where it acts.
+    pub mask: Option<Brief<Mask>>,
+    /// Keep distances with the scheme of fifth order.
+    pub precise: bool,
 }
 
 impl Short for Flow {
     type First = Iterations;
     fn short(iterations: Iterations) -> Self {
-        Self { iterations }
+        Self {
+            iterations,
+            ..Self::default()
+        }
     }
 }
 
@@ -202,12 +380,17 @@ impl Short for Flow {
 pub struct Renormalise {
     /// Number of sweeps.
     pub iterations: Iterations,
+    /// With the scheme of fifth order.
+    pub precise: bool,
 }
 
 impl Short for Renormalise {
     type First = Iterations;
     fn short(iterations: Iterations) -> Self {
-        Self { iterations }
+        Self {
+            iterations,
+            precise: false,
+        }
     }
 }
 

@@ -65,6 +65,17 @@ impl VdbError {
         Self::plain(doing, error)
     }
 
+    /// A field that could not be sampled while `doing` something.
+    pub(super) fn band(doing: &'static str, error: crate::band::BandError) -> Self {
+        match error {
+            crate::band::BandError::Cancelled(c) => Self::Cancelled(c),
+            error => Self::OpenVdb {
+                doing,
+                reason: error.to_string(),
+            },
+        }
+    }
+
     /// The same where nothing can be cancelled.
     pub(super) fn plain(doing: &'static str, error: &cxx::Exception) -> Self {
         Self::OpenVdb {

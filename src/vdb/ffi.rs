@@ -86,6 +86,15 @@ mod bridge {
         normalisations: i32,
     }
 
+    /// Values of a grid that count as none of an effect (`low`) and all of it (`high`); `inverted`
+    /// the other way round.
+    #[derive(Clone, Copy)]
+    struct Range {
+        low: f64,
+        high: f64,
+        inverted: bool,
+    }
+
     /// A picture of `columns` x `rows` samples: the ray of sample (i, j) passes through
     /// `corner + (i + 1/2) du + (j + 1/2) dv`, coming from `eye` or, without perspective, along
     /// `forward`. What lies beyond `cut` on `cut_axis` (0 to 2; -1: no cut), on the eye's side, is
@@ -127,6 +136,28 @@ mod bridge {
         fn grid_copy(grid: &Grid) -> Result<UniquePtr<Grid>>;
         /// Leaves background everywhere; voxels stay what they are.
         fn grid_clear(grid: Pin<&mut Grid>) -> Result<()>;
+        /// Sets the voxel size and the world position of voxel (0, 0, 0); values stay.
+        fn grid_place(grid: Pin<&mut Grid>, voxel_size: f64, origin: &[f64; 3]) -> Result<()>;
+        /// An empty grid of floats of any class.
+        fn grid_raw(
+            voxel_size: f64,
+            origin: &[f64; 3],
+            background: f32,
+            class_name: &str,
+        ) -> Result<UniquePtr<Grid>>;
+        fn grid_put_leaf(
+            grid: Pin<&mut Grid>,
+            origin: &[i32; 3],
+            mask: &[u64; 8],
+            values: &[f32; 512],
+        ) -> Result<()>;
+        fn grid_put_tile(
+            grid: Pin<&mut Grid>,
+            origin: &[i32; 3],
+            edge: i32,
+            value: f32,
+            active: bool,
+        ) -> Result<()>;
         fn grid_facts(grid: &Grid) -> Result<GridFacts>;
         /// An empty block at a multiple of 128.
         fn block_new(x: i32, y: i32, z: i32, background: f32) -> Result<UniquePtr<Block>>;
@@ -148,6 +179,13 @@ mod bridge {
         fn len(self: &LeafTable) -> usize;
         fn head(self: &LeafTable, index: usize) -> Result<LeafHead>;
         fn values(self: &LeafTable, index: usize) -> Result<&[f32]>;
+        /// A grid of floats or of vectors on the active voxels of another: 1 or 3 numbers a voxel, in
+        /// order of leaves and of voxels.
+        fn grid_attribute(
+            shape: &Grid,
+            components: usize,
+            values: &[f32],
+        ) -> Result<UniquePtr<Grid>>;
         /// Active tiles and inactive ones that are inside, or all tiles of all nodes.
         fn grid_tiles(grid: &Grid, everything: bool) -> Result<Vec<Tile>>;
         /// Overwrites leaves that are there (3 coordinates, 8 mask words, 512 values each), makes
@@ -163,8 +201,13 @@ mod bridge {
         ) -> Result<()>;
         /// 3 indices a value.
         fn grid_values(grid: &Grid, voxels: &[i32], values: &mut [f32]) -> Result<()>;
-        /// 3 world coordinates a value; trilinear.
-        fn grid_samples(grid: &Grid, points: &[f64], values: &mut [f32]) -> Result<()>;
+        /// 3 world coordinates a value; trilinear, or quadratic along each axis.
+        fn grid_samples(
+            grid: &Grid,
+            points: &[f64],
+            quadratic: bool,
+            values: &mut [f32],
+        ) -> Result<()>;
 
         fn grid_filter(
             grid: Pin<&mut Grid>,
@@ -180,6 +223,54 @@ mod bridge {
             host: &Host<'_>,
         ) -> Result<()>;
         fn grid_renormalise(grid: Pin<&mut Grid>, how: Smoothing, host: &Host<'_>) -> Result<()>;
+        /// Widens the band by so many voxels on each side, or narrows it (negative).
+        fn grid_resize(
+            grid: Pin<&mut Grid>,
+            voxels: i32,
+            how: Smoothing,
+            host: &Host<'_>,
+        ) -> Result<()>;
+        /// Adds `offset` (world units) times the share that another grid gives at each place.
+        fn grid_vary(
+            grid: Pin<&mut Grid>,
+            offset: f64,
+            by: &Grid,
+            range: Range,
+            how: Smoothing,
+            host: &Host<'_>,
+        ) -> Result<()>;
+        /// Keeps of the change since `before` the share that another grid gives at each place.
+        fn grid_mix(
+            grid: Pin<&mut Grid>,
+            before: &Grid,
+            by: &Grid,
+            range: Range,
+            how: Smoothing,
+            host: &Host<'_>,
+        ) -> Result<()>;
+        /// Union that rounds the seam over `radius` (world units); both bands must be that wide.
+        fn grid_blend(
+            grid: Pin<&mut Grid>,
+            operand: UniquePtr<Grid>,
+            radius: f64,
+            how: Smoothing,
+            host: &Host<'_>,
+        ) -> Result<()>;
+        /// Fills concave edges until no principal curvature is below -1 / `radius` (world units).
+        fn grid_fillet(
+            grid: Pin<&mut Grid>,
+            radius: f64,
+            how: Smoothing,
+            host: &Host<'_>,
+        ) -> Result<()>;
+        fn grid_prune(grid: Pin<&mut Grid>, host: &Host<'_>) -> Result<()>;
+        /// The level set of where a grid of floats of any class takes a value; `half_width` voxels.
+        fn grid_isosurface(
+            grid: &Grid,
+            value: f64,
+            half_width: f32,
+            host: &Host<'_>,
+        ) -> Result<UniquePtr<Grid>>;
         fn grid_csg(
             grid: Pin<&mut Grid>,
             operand: UniquePtr<Grid>,

@@ -127,7 +127,7 @@ pub fn info(path: &Path) -> Result<FileInfo, FileError> {
     for (index, name) in order {
         let grid = ffi::file_read(file.pin_mut(), index).map_err(damaged)?;
         let facts = ffi::grid_facts(&grid).map_err(damaged)?;
-        if facts.grid_type == FLOATS {
+        if facts.grid_type == FLOATS || facts.grid_type == VECTORS {
             if let Some(hash) = &mut hash {
                 hash.add(name, &grid).map_err(damaged)?;
             }
@@ -153,14 +153,25 @@ pub fn info(path: &Path) -> Result<FileInfo, FileError> {
     })
 }
 
-const FLOATS: &str = "Tree_float_5_4_3";
+pub(super) const FLOATS: &str = "Tree_float_5_4_3";
+const VECTORS: &str = "Tree_vec3s_5_4_3";
 
-/// Reads a level set. Without a name: the grid `surface`, or the only level set of the file.
+/// Reads a level set. Without a name: the grid `surface`, else the only level set of the file.
 ///
 /// # Errors
 /// [`FileError::Io`], [`FileError::Damaged`], [`FileError::NoGrid`], or [`FileError::NotALevelSet`]
 /// when the grid does not keep a [`LevelSet`]'s promise.
 pub fn read(path: &Path, name: Option<&str>, session: Session<'_>) -> Result<LevelSet, FileError> {
+    let (name, grid) = pick(path, name)?;
+    adopt(path, &name, grid, session)
+}
+
+/// Reads one grid of any type. Without a name: `surface`, else the only level set, else the only grid
+/// of floats.
+pub(super) fn pick(
+    path: &Path,
+    name: Option<&str>,
+) -> Result<(String, UniquePtr<ffi::Grid>), FileError> {
     let damaged = |e: cxx::Exception| FileError::damaged(path, &e);
     let mut file = open(path)?;
     let names = file.names().map_err(damaged)?;
@@ -171,31 +182,29 @@ pub fn read(path: &Path, name: Option<&str>, session: Session<'_>) -> Result<Lev
     };
     if let Some(index) = names.iter().position(|n| n == name.unwrap_or("surface")) {
         let grid = ffi::file_read(file.pin_mut(), index).map_err(damaged)?;
-        return adopt(path, &names[index], grid, session);
+        return Ok((names[index].clone(), grid));
     }
     if name.is_some() {
         return Err(no_grid(names));
     }
-    let mut found = None;
-    let mut present = Vec::new();
+    let (mut surfaces, mut volumes, mut present) = (Vec::new(), Vec::new(), Vec::new());
     for (index, name) in names.iter().enumerate() {
         let grid = ffi::file_read(file.pin_mut(), index).map_err(damaged)?;
         let facts = ffi::grid_facts(&grid).map_err(damaged)?;
-        present.push(format!(
-            "{name} ({}, {})",
-            facts.grid_type, facts.class_name
-        ));
-        if facts.class_name == "level set" {
-            if found.is_some() {
-                return Err(no_grid(names.clone()));
-            }
-            found = Some((name.clone(), grid));
+        let (kind, class) = (&facts.grid_type, &facts.class_name);
+        present.push(format!("{name} ({kind}, {class})"));
+        if class == "level set" {
+            surfaces.push(index);
+        } else if kind == FLOATS {
+            volumes.push(index);
         }
     }
-    match found {
-        Some((name, grid)) => adopt(path, &name, grid, session),
-        None => Err(no_grid(present)),
-    }
+    let index = match (&surfaces[..], &volumes[..]) {
+        ([index], _) | ([], [index]) => *index,
+        _ => return Err(no_grid(present)),
+    };
+    let grid = ffi::file_read(file.pin_mut(), index).map_err(damaged)?;
+    Ok((names[index].clone(), grid))
 }
 
 /// Opens a file after a look at its first bytes, which OpenVDB would report as riddles.
@@ -227,7 +236,7 @@ fn open(path: &Path) -> Result<UniquePtr<ffi::FileIn>, FileError> {
 }
 
 /// Takes a grid over after checking all that a [`LevelSet`] promises.
-fn adopt(
+pub(super) fn adopt(
     path: &Path,
     name: &str,
     mut grid: UniquePtr<ffi::Grid>,

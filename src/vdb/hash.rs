@@ -4,10 +4,10 @@
 //! BLAKE3 over the grids in order of name (bytes). Of each grid: name, type (`Tree_float_5_4_3`) and
 //! class, each as its length in bytes (u32) and UTF-8; voxel size and background (f64); number of
 //! leaves (u64), and per leaf with an active voxel, in order of origin (x, y, z): origin (3 x i32),
-//! mask (8 x u64), active values in order of offset (f32, -0 as 0); number of active tiles (u64), and
+//! mask (8 x u64), active values in order of offset (f32, -0 as 0; of vectors three); number of active tiles (u64), and
 //! per tile in order of origin: origin (3 x i32), edge (i32), value (f32). All numbers little-endian.
 
-use super::leaves::{Leaves, tiles_of};
+use super::leaves::tiles_of;
 use super::{LevelSet, VdbError, ffi};
 
 /// Hash of several grids; add them in order of name.
@@ -39,16 +39,31 @@ fn add_grid(
     hasher.update(&facts.voxel_size[0].to_le_bytes());
     hasher.update(&facts.background.to_le_bytes());
 
-    let leaves = Leaves::of_grid(grid)?;
-    let kept = leaves.iter().filter(super::LeafView::any_active).count();
-    hasher.update(&(kept as u64).to_le_bytes());
+    // Numbers a voxel: 1, or 3 of vectors. What is stored in halves is hashed as it comes back.
+    let table = ffi::leaf_table(grid)?;
+    let any = |mask: &[u64; 8]| mask.iter().any(|&w| w != 0);
+    let mut kept = 0u64;
+    for n in 0..table.len() {
+        kept += u64::from(any(&table.head(n)?.mask));
+    }
+    hasher.update(&kept.to_le_bytes());
     let mut bytes = Vec::with_capacity(12 + 64 + 2048);
-    for leaf in leaves.iter().filter(super::LeafView::any_active) {
+    for n in 0..table.len() {
+        let (head, values) = (table.head(n)?, table.values(n)?);
+        if !any(&head.mask) {
+            continue;
+        }
+        let width = values.len() / 512;
         bytes.clear();
-        bytes.extend(leaf.origin.0.iter().flat_map(|c| c.to_le_bytes()));
-        bytes.extend(leaf.mask.iter().flat_map(|w| w.to_le_bytes()));
-        for v in leaf.active() {
-            bytes.extend_from_slice(&positive_zero(v).to_le_bytes());
+        bytes.extend(head.origin.iter().flat_map(|c| c.to_le_bytes()));
+        bytes.extend(head.mask.iter().flat_map(|w| w.to_le_bytes()));
+        for (voxel, numbers) in values.chunks_exact(width.max(1)).enumerate() {
+            if head.mask[voxel >> 6] >> (voxel & 63) & 1 == 1 {
+                for &v in numbers {
+                    let v = if facts.half { as_half(v) } else { v };
+                    bytes.extend_from_slice(&positive_zero(v).to_le_bytes());
+                }
+            }
         }
         hasher.update(&bytes);
     }
@@ -68,6 +83,18 @@ fn add_grid(
 
 fn positive_zero(v: f32) -> f32 {
     if v == 0.0 { 0.0 } else { v }
+}
+
+/// What is left of a number that was stored with 11 bits and 5 of exponent, rounded to even.
+fn as_half(v: f32) -> f32 {
+    // 2^13 of the float's units in the last place make one of the half's; below 2^-14 its steps are 2^-24.
+    if v.abs() < 6.103_515_6e-5 {
+        let step = 2f32.powi(-24);
+        return (v / step).round_ties_even() * step;
+    }
+    let bits = v.to_bits();
+    let odd = bits >> 13 & 1;
+    f32::from_bits(bits.wrapping_add(0xfff + odd) & !0x1fff)
 }
 
 impl LevelSet {

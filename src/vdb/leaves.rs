@@ -148,7 +148,7 @@ impl LevelSet {
     pub fn samples(&self, points: &[WorldPoint]) -> Result<Vec<f32>, VdbError> {
         let flat: Vec<[f64; 3]> = points.iter().map(|p| p.0.into()).collect();
         let mut values = vec![0.0; points.len()];
-        ffi::grid_samples(&self.grid, flat.as_flattened(), &mut values)
+        ffi::grid_samples(&self.grid, flat.as_flattened(), false, &mut values)
             .map_err(|e| VdbError::plain("sampling", &e))?;
         Ok(values)
     }

@@ -196,7 +196,7 @@ impl LevelSet {
     }
 
     /// Level sets combine voxel by voxel: both must have the same ones.
-    fn assert_same_voxels(&self, other: &Self) -> Result<(), VdbError> {
+    pub(super) fn assert_same_voxels(&self, other: &Self) -> Result<(), VdbError> {
         let mismatch = |what, left: f64, right: f64, tolerance: f64| {
             let differ = (left - right).abs() > tolerance;
             let error = VdbError::Mismatch { what, left, right };

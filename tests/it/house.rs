@@ -19,7 +19,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
         &["mesh", "scaffold", "frame", "progress", "symmetry"],
     ),
     ("band", &["field", "frame", "progress"]),
-    ("vdb", &["frame", "mesh", "band", "progress"]),
+    ("vdb", &["frame", "field", "mesh", "band", "progress"]),
     ("io", &["mesh", "scaffold", "cell", "frame", "polymesh"]),
     (
         "recipe",

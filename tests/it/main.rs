@@ -22,3 +22,5 @@ mod cli;
 mod pipeline;
 #[cfg(feature = "vdb")]
 mod vdb;
+#[cfg(feature = "vdb")]
+mod workshop;

@@ -17,6 +17,8 @@ mod operations;
 mod pictures;
 mod pieces;
 mod stopping;
+mod shapes;
+mod tools;
 
 static THREADS: LazyLock<Threads> = LazyLock::new(|| Threads::new(2).expect("two threads"));
 

@@ -1,0 +1,86 @@
+//! `druse filter IN.vdb -o OUT OP...`.
+
+use super::workshop::{Draft, answer as told, extent, output_key, path_value};
+use super::{Answer, Failure, Session};
+use crate::frame::LengthUnit;
+use clap::Args;
+use std::path::PathBuf;
+use toml::Value;
+
+#[derive(Args)]
+pub(super) struct Parameters {
+    /// The OpenVDB file.
+    file: PathBuf,
+    /// Operations in order, as in a recipe's [[op]]: dilate=0.2mm, `'gaussian={width=1,iterations=2}'`,
+    /// `keep_largest`. Bare lengths are in the file's unit; a bare number sets the first parameter.
+    #[arg(required = true, value_name = "OP")]
+    operations: Vec<String>,
+    /// The file to write: .vdb, or a mesh (.stl, .ply, .obj, .3mf).
+    #[arg(short, long, value_name = "OUT")]
+    output: PathBuf,
+    /// Name of the grid [default: "surface", the only level set, or the only grid of floats].
+    #[arg(long, value_name = "NAME")]
+    grid: Option<String>,
+    /// The value on the surface of a grid that is no level set [default: 0.5 for a fog volume].
+    #[arg(long, value_name = "NUMBER", allow_hyphen_values = true)]
+    value: Option<f64>,
+    /// Unit of the file's lengths [default: what the file says, else m].
+    #[arg(long)]
+    unit: Option<LengthUnit>,
+    /// Worker threads [default: one per core].
+    #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true)]
+    threads: usize,
+}
+
+/// Operations that are said by their name alone.
+const FLAGS: [&str; 4] = ["keep_largest", "fill_voids", "prune", "fog"];
+
+pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
+    let (mut draft, unit) = Draft::of_file(&p.file, p.grid.as_deref(), p.value, p.unit)?;
+    for text in &p.operations {
+        let (name, value) = operation(text)?;
+        draft.operation(name, value);
+    }
+    let symbol = Value::String(unit.symbol().into());
+    let key = output_key(&p.output);
+    draft.output(vec![
+        (key, Some(path_value(&p.output)?)),
+        ("unit", Some(symbol).filter(|_| key != "picture")),
+    ]);
+    let (report, lines) = draft.run(session, p.threads)?;
+    session.note(&format!(
+        "{} {} -> {} {}, volume {:.6} {unit}^3",
+        p.file.display(),
+        unit,
+        p.output.display(),
+        extent(&report, unit, unit),
+        report.solid.volume
+    ));
+    Ok(told(&report, &lines))
+}
+
+/// An operation of the command line as the entry of a recipe.
+fn operation(text: &str) -> Result<(&str, Value), Failure> {
+    let Some((name, value)) = text.split_once('=') else {
+        let value = if FLAGS.contains(&text) {
+            Value::Boolean(true)
+        } else {
+            Value::Table(toml::Table::new())
+        };
+        return Ok((text, value));
+    };
+    let name = name.trim();
+    if name.is_empty() {
+        return Err(Failure::usage(format!(
+            "found the operation {text:?}; expected NAME or NAME=VALUE"
+        )));
+    }
+    // As in --set: TOML where it is, else a string.
+    let parsed = toml::from_str::<toml::Table>(&format!("value = {value}"));
+    let value = match parsed {
+        Ok(mut table) if table.len() == 1 => table.remove("value"),
+        _ => None,
+    };
+    let text = || Value::String(text.split_once('=').map_or("", |t| t.1).to_owned());
+    Ok((name, value.unwrap_or_else(text)))
+}

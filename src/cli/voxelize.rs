@@ -1,0 +1,69 @@
+//! `druse voxelize MESH -o X.vdb --voxel-size LENGTH`.
+
+use super::workshop::{Draft, answer as told, extent, path_value, table};
+use super::{Answer, Failure, Session};
+use crate::frame::LengthUnit;
+use clap::Args;
+use std::path::PathBuf;
+use toml::Value;
+
+#[derive(Args)]
+pub(super) struct Parameters {
+    /// The mesh (.stl, .obj, .ply, .3mf).
+    mesh: PathBuf,
+    /// The OpenVDB file to write.
+    #[arg(short, long, value_name = "X.vdb")]
+    output: PathBuf,
+    /// Edge of a voxel, as in 0.1mm; bare in the mesh's unit.
+    #[arg(long, value_name = "LENGTH")]
+    voxel_size: crate::recipe::Size,
+    /// Half width of the band in voxels.
+    #[arg(long, value_name = "VOXELS", default_value = "3")]
+    half_width: crate::recipe::HalfWidth,
+    /// Unit of the mesh's numbers [default: what the file says, else mm].
+    #[arg(long)]
+    unit: Option<LengthUnit>,
+    /// Unit of the file that is written.
+    #[arg(long, value_name = "UNIT", default_value = "m")]
+    out_unit: LengthUnit,
+    /// Worker threads [default: one per core].
+    #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true)]
+    threads: usize,
+}
+
+pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
+    let own = match p.unit {
+        Some(unit) => Some(unit),
+        // Only this format says its unit; the whole file is read once more below.
+        None if p
+            .mesh
+            .extension()
+            .is_some_and(|e| e.eq_ignore_ascii_case("3mf")) =>
+        {
+            crate::io::read_mesh(&p.mesh)?.unit
+        }
+        None => None,
+    };
+    let unit = own.unwrap_or(LengthUnit::Millimetre);
+    let symbol = |u: LengthUnit| Some(Value::String(u.symbol().into()));
+    let voxel = Value::String(p.voxel_size.to_string());
+    let voxel = match p.voxel_size.0 {
+        crate::recipe::Length::Bare(v) => Value::Float(v),
+        _ => voxel,
+    };
+    let mut draft = Draft::new(unit, voxel, p.half_width.0);
+    let mesh = table([("path", Some(path_value(&p.mesh)?)), ("unit", symbol(unit))]);
+    draft.operation("union", table([("mesh", Some(mesh))]));
+    draft.output(vec![
+        ("vdb", Some(path_value(&p.output)?)),
+        ("unit", symbol(p.out_unit)),
+    ]);
+    let (report, lines) = draft.run(session, p.threads)?;
+    session.note(&format!(
+        "{} -> {}: {}",
+        p.mesh.display(),
+        p.output.display(),
+        extent(&report, unit, p.out_unit)
+    ));
+    Ok(told(&report, &lines))
+}

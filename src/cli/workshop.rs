@@ -1,0 +1,186 @@
+//! Commands on `.vdb` files as recipes: the same sections, the same words, one parser.
+
+use super::{Answer, Failure, Session};
+use crate::frame::LengthUnit;
+use crate::pipeline::{Report, RunOptions, run};
+use crate::recipe::Recipe;
+use crate::vdb::FileInfo;
+use std::path::Path;
+use toml::{Table, Value};
+
+/// A recipe in the making.
+pub(super) struct Draft {
+    sections: Table,
+    operations: Vec<Value>,
+    outputs: Vec<Value>,
+}
+
+/// A table of the keys that are there.
+pub(super) fn table<'a>(entries: impl IntoIterator<Item = (&'a str, Option<Value>)>) -> Value {
+    let kept = entries.into_iter();
+    Value::Table(
+        kept.filter_map(|(k, v)| v.map(|v| (k.to_owned(), v)))
+            .collect(),
+    )
+}
+
+/// A path as TOML can hold it.
+pub(super) fn path_value(path: &Path) -> Result<Value, Failure> {
+    let text = path.to_str().ok_or_else(|| {
+        Failure::usage(format!(
+            "{}: the path is no UTF-8; rename the file",
+            path.display()
+        ))
+    })?;
+    Ok(Value::String(text.to_owned()))
+}
+
+/// The unit of a file's lengths: as told, by its own word, or metres.
+pub(super) fn unit_of(info: &FileInfo, told: Option<LengthUnit>) -> LengthUnit {
+    let own = || super::info::unit_of(info).parse().ok();
+    told.or_else(own).unwrap_or(LengthUnit::Metre)
+}
+
+impl Draft {
+    pub fn new(unit: LengthUnit, voxel_size: Value, half_width: f64) -> Self {
+        let band = table([
+            ("voxel_size", Some(voxel_size)),
+            ("half_width", Some(Value::Float(half_width))),
+        ]);
+        let mut sections = Table::new();
+        sections.insert("druse".into(), Value::Integer(1));
+        sections.insert("unit".into(), Value::String(unit.symbol().into()));
+        sections.insert("band".into(), band);
+        Self {
+            sections,
+            operations: Vec::new(),
+            outputs: Vec::new(),
+        }
+    }
+
+    /// A draft that starts from a grid of a file, in the file's own unit and voxels.
+    pub fn of_file(
+        path: &Path,
+        grid: Option<&str>,
+        value: Option<f64>,
+        unit: Option<LengthUnit>,
+    ) -> Result<(Self, LengthUnit), Failure> {
+        let info = super::vdb::inspect(path)?;
+        let unit = unit_of(&info, unit);
+        let wanted = |name: &str| info.grids.iter().find(|g| g.name == name);
+        let level_set = || info.grids.iter().find(|g| g.class == "level set");
+        let chosen = match grid {
+            Some(name) => wanted(name),
+            None => wanted("surface")
+                .or_else(level_set)
+                .or_else(|| info.grids.iter().find(|g| g.grid_type.contains("float"))),
+        };
+        // The reader says it better when there is no such grid.
+        let (voxel, width) = chosen.map_or((1.0, 3.0), |g| {
+            let voxel = g.voxel_size[0];
+            let own = g.background.filter(|_| g.class == "level set");
+            (voxel, own.map_or(3.0, |b| b / voxel))
+        });
+        let width = if (1.5..=64.0).contains(&width) {
+            width
+        } else {
+            3.0
+        };
+        let mut draft = Self::new(unit, Value::Float(voxel), width);
+        let source = table([
+            ("path", Some(path_value(path)?)),
+            ("grid", grid.map(|g| Value::String(g.to_owned()))),
+            ("value", value.map(Value::Float)),
+            ("unit", Some(Value::String(unit.symbol().into()))),
+        ]);
+        draft.operation("union", table([("vdb", Some(source))]));
+        Ok((draft, unit))
+    }
+
+    pub fn operation(&mut self, name: &str, value: Value) {
+        self.operations.push(table([(name, Some(value))]));
+    }
+
+    pub fn output(&mut self, entries: Vec<(&str, Option<Value>)>) {
+        self.outputs.push(table(entries));
+    }
+
+    /// Parses the draft as any recipe, and runs it.
+    pub fn run(
+        mut self,
+        session: &Session,
+        threads: usize,
+    ) -> Result<(Report, Vec<String>), Failure> {
+        let lists = [("op", self.operations), ("output", self.outputs)];
+        for (name, list) in lists {
+            self.sections.insert(name.into(), Value::Array(list));
+        }
+        let recipe = Recipe::parse(&self.sections.to_string(), &[])?;
+        let options = RunOptions {
+            threads,
+            strict: session.strict(),
+            brief: true,
+            isolated: Some(super::vdb::reader()?),
+            ..RunOptions::default()
+        };
+        let report = run(&recipe, &options, session)?;
+        session.finish();
+        for warning in &report.warnings {
+            session.warn(warning);
+        }
+        let lines = report.outputs.iter().map(|o| {
+            let unit = o.unit.as_deref().unwrap_or("");
+            format!("{}  {}  {unit}", o.path, super::run::size(o.bytes))
+                .trim_end()
+                .to_owned()
+        });
+        let lines = lines.collect();
+        Ok((report, lines))
+    }
+}
+
+/// The key of an output by the extension of its path.
+pub(super) fn output_key(path: &Path) -> &'static str {
+    let extension = path
+        .extension()
+        .map(|e| e.to_string_lossy().to_lowercase())
+        .unwrap_or_default();
+    match extension.as_str() {
+        "stl" | "ply" | "obj" | "3mf" => "mesh",
+        "png" => "picture",
+        _ => "vdb",
+    }
+}
+
+/// A result in a unit and, where they differ, in another: "0.06 m -> 60 mm".
+pub(super) fn extent(report: &Report, from: LengthUnit, to: LengthUnit) -> String {
+    let Some(bounds) = report.solid.bounds else {
+        return String::new();
+    };
+    let longest = bounds.size().max();
+    let show = |v: f64, unit: LengthUnit| {
+        let digits = (4 - v.abs().log10().floor() as i32).clamp(0, 12) as usize;
+        let text = format!("{v:.digits$}");
+        let text = if text.contains('.') {
+            text.trim_end_matches('0').trim_end_matches('.')
+        } else {
+            &text
+        };
+        format!("{text} {unit}")
+    };
+    if from == to {
+        show(longest, from)
+    } else {
+        format!(
+            "{} -> {}",
+            show(longest, from),
+            show(longest * from.to(to), to)
+        )
+    }
+}
+
+/// What a command on a file says.
+pub(super) fn answer(report: &Report, lines: &[String]) -> Answer {
+    let json = serde_json::to_value(report).unwrap_or_default();
+    Answer::new(lines.join("\n"), json)
+}

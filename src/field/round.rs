@@ -1,0 +1,141 @@
+//! Solids about an axis, and half of space, as exact signed distances in world space.
+
+use super::{Field, Interval};
+use crate::frame::{Aabb, Vec3, WorldPoint};
+
+/// A ball swept along a line.
+#[derive(Clone, Copy, Debug)]
+pub struct Capsule {
+    /// Centres of the ball, world units.
+    pub ends: [Vec3; 2],
+    /// Radius, world units.
+    pub radius: f64,
+}
+
+/// A straight cylinder with flat ends.
+#[derive(Clone, Copy, Debug)]
+pub struct Cylinder {
+    /// Centres of its ends, world units; not the same.
+    pub ends: [Vec3; 2],
+    /// Radius, world units.
+    pub radius: f64,
+}
+
+/// All points before a plane.
+#[derive(Clone, Copy, Debug)]
+pub struct HalfSpace {
+    /// A point of the plane, world units.
+    pub point: Vec3,
+    /// Unit vector that points out of the solid.
+    pub normal: Vec3,
+}
+
+/// The bound of any field with Lipschitz constant 1.
+fn lipschitz(value: f64, region: &Aabb) -> Interval {
+    let r = region.half_diagonal();
+    Interval::new(value - r, value + r)
+}
+
+impl Capsule {
+    /// From the nearest point of the axis.
+    fn arm(&self, p: WorldPoint) -> Vec3 {
+        let [a, b] = self.ends;
+        let axis = b - a;
+        let length = axis.norm_squared();
+        let t = if length > 0.0 {
+            ((p.0 - a).dot(&axis) / length).clamp(0.0, 1.0)
+        } else {
+            0.0
+        };
+        p.0 - a - axis * t
+    }
+
+    /// The box around it, world units.
+    pub fn bounds(&self) -> Aabb {
+        Aabb::of(self.ends).dilated(self.radius)
+    }
+}
+
+impl Field for Capsule {
+    type Point = WorldPoint;
+    fn value(&self, p: WorldPoint) -> f64 {
+        self.arm(p).norm() - self.radius
+    }
+    fn value_and_gradient(&self, p: WorldPoint) -> (f64, Vec3) {
+        let arm = self.arm(p);
+        let n = arm.norm();
+        let gradient = arm.try_normalize(0.0).unwrap_or_else(Vec3::zeros);
+        (n - self.radius, gradient)
+    }
+    fn bound(&self, region: &Aabb) -> Interval {
+        lipschitz(self.value(region.centre()), region)
+    }
+}
+
+impl Cylinder {
+    /// Along the axis from the middle, its direction, and away from the axis.
+    fn parts(&self, p: WorldPoint) -> (f64, Vec3, Vec3) {
+        let [a, b] = self.ends;
+        let axis = (b - a).try_normalize(0.0).unwrap_or_else(Vec3::z);
+        let d = p.0 - (a + b) / 2.0;
+        let along = d.dot(&axis);
+        (along, axis, d - axis * along)
+    }
+
+    /// Beyond the end caps and beyond the mantle.
+    fn excess(&self, along: f64, arm: Vec3) -> [f64; 2] {
+        let half = (self.ends[1] - self.ends[0]).norm() / 2.0;
+        [along.abs() - half, arm.norm() - self.radius]
+    }
+
+    /// The box around it, world units.
+    pub fn bounds(&self) -> Aabb {
+        let axis = (self.ends[1] - self.ends[0])
+            .try_normalize(0.0)
+            .unwrap_or_else(Vec3::z);
+        let reach = axis.map(|c| (1.0 - c * c).max(0.0).sqrt() * self.radius);
+        let around = Aabb::of(self.ends);
+        Aabb {
+            min: around.min - reach,
+            max: around.max + reach,
+        }
+    }
+}
+
+impl Field for Cylinder {
+    type Point = WorldPoint;
+    fn value(&self, p: WorldPoint) -> f64 {
+        let (along, _, arm) = self.parts(p);
+        let [u, v] = self.excess(along, arm);
+        u.max(0.0).hypot(v.max(0.0)) + u.max(v).min(0.0)
+    }
+    fn value_and_gradient(&self, p: WorldPoint) -> (f64, Vec3) {
+        let (along, axis, arm) = self.parts(p);
+        let [u, v] = self.excess(along, arm);
+        let cap = axis * along.signum();
+        let mantle = arm.try_normalize(0.0).unwrap_or_else(Vec3::zeros);
+        let gradient = match (u > 0.0, v > 0.0) {
+            (true, true) => (cap * u + mantle * v) / u.hypot(v),
+            (false, false) if v > u => mantle,
+            (false, true) => mantle,
+            _ => cap,
+        };
+        (self.value(p), gradient)
+    }
+    fn bound(&self, region: &Aabb) -> Interval {
+        lipschitz(self.value(region.centre()), region)
+    }
+}
+
+impl Field for HalfSpace {
+    type Point = WorldPoint;
+    fn value(&self, p: WorldPoint) -> f64 {
+        (p.0 - self.point).dot(&self.normal)
+    }
+    fn value_and_gradient(&self, p: WorldPoint) -> (f64, Vec3) {
+        (self.value(p), self.normal)
+    }
+    fn bound(&self, region: &Aabb) -> Interval {
+        lipschitz(self.value(region.centre()), region)
+    }
+}

@@ -1,0 +1,175 @@
+//! Solids that an operation combines with, and grids that say where it acts.
+
+use super::file::{FileRef, Similarity};
+use super::quantity::{Finite, Length, Size, Unit};
+use super::{Brief, Short};
+use schemars::JsonSchema;
+use serde::Deserialize;
+use std::path::PathBuf;
+
+/// A solid to combine with.
+#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Operand {
+    /// The inside of a closed mesh.
+    Mesh(FileRef),
+    /// A wall along a closed mesh.
+    Skin(Skin),
+    /// A grid of an OpenVDB file: a level set, or the part of a fog above a value.
+    Vdb(Brief<Grid>),
+    /// A ball.
+    Sphere(Ball),
+    /// An axis-aligned box.
+    Box(Block),
+    /// A straight cylinder with flat ends.
+    Cylinder(Rod),
+    /// A cylinder with round ends.
+    Capsule(Rod),
+    /// All of space on one side of a plane.
+    Plane(Plane),
+}
+
+/// A wall along a closed mesh.
+#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Skin {
+    /// The mesh.
+    pub mesh: FileRef,
+    /// Full thickness of the wall.
+    pub thickness: Size,
+    /// On which side of the mesh the wall lies.
+    #[serde(default)]
+    pub side: Side,
+}
+
+/// Side of a surface.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum Side {
+    /// Within it.
+    #[default]
+    Inside,
+    /// Around it.
+    Outside,
+    /// Half the thickness on each side.
+    Both,
+}
+
+/// A grid of an OpenVDB file; written alone it is the path.
+#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Grid {
+    /// Where the file is, relative to the recipe.
+    pub path: PathBuf,
+    /// Name of the grid: "surface", the only level set or the only grid of floats when left out.
+    pub grid: Option<String>,
+    /// The value on its surface, for grids that are no level sets: 0.5 for a fog volume.
+    pub value: Option<Finite>,
+    /// Unit of its lengths; the file's own word or metres when left out.
+    pub unit: Option<Unit>,
+    /// A placement applied last, in the recipe's unit.
+    #[serde(default)]
+    pub transform: Similarity,
+    /// Refuse voxels of another size instead of resampling with a notice.
+    #[serde(default)]
+    pub same_voxels: bool,
+}
+
+impl Short for Grid {
+    type First = PathBuf;
+    fn short(path: PathBuf) -> Self {
+        Self {
+            path,
+            grid: None,
+            value: None,
+            unit: None,
+            transform: Similarity::default(),
+            same_voxels: false,
+        }
+    }
+}
+
+/// A ball.
+#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Ball {
+    /// Its radius.
+    pub radius: Size,
+    /// Its centre.
+    #[serde(default = "origin")]
+    pub centre: [Length; 3],
+}
+
+/// An axis-aligned box.
+#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Block {
+    /// Edge lengths along x, y, z.
+    pub size: [Size; 3],
+    /// Its centre.
+    #[serde(default = "origin")]
+    pub centre: [Length; 3],
+}
+
+/// A cylinder or capsule between two points.
+#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Rod {
+    /// Its radius.
+    pub radius: Size,
+    /// One end of its axis.
+    pub from: [Length; 3],
+    /// The other end.
+    pub to: [Length; 3],
+}
+
+/// All of space on one side of a plane.
+#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Plane {
+    /// Points out of the solid; of any length but 0.
+    pub normal: [Finite; 3],
+    /// A point of the plane.
+    #[serde(default = "origin")]
+    pub point: [Length; 3],
+}
+
+fn origin() -> [Length; 3] {
+    [Length::Bare(0.0); 3]
+}
+
+/// Where an operation acts: not at all where a grid's values are at the low end of a range, wholly at
+/// the high end, linearly between. Written alone it is the path.
+#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Mask {
+    /// The OpenVDB file, relative to the recipe.
+    pub path: PathBuf,
+    /// Name of the grid of floats; the only one when left out.
+    pub grid: Option<String>,
+    /// The two values.
+    #[serde(default = "unit_range")]
+    pub range: [Finite; 2],
+    /// Exchange "not at all" and "wholly".
+    #[serde(default)]
+    pub invert: bool,
+    /// Unit of its lengths; the file's own word or metres when left out.
+    pub unit: Option<Unit>,
+}
+
+impl Short for Mask {
+    type First = PathBuf;
+    fn short(path: PathBuf) -> Self {
+        Self {
+            path,
+            grid: None,
+            range: unit_range(),
+            invert: false,
+            unit: None,
+        }
+    }
+}
+
+fn unit_range() -> [Finite; 2] {
+    [Finite(0.0), Finite(1.0)]
+}

@@ -1,0 +1,207 @@
+//! Grids of floats of any class: fog volumes, masks, fields of others.
+
+use super::leaves::Leaves;
+use super::{FileError, GridInfo, LevelSet, LevelSetBuilder, Session, VdbError, ffi};
+use crate::frame::{Coord, Transform, Vec3, WorldPoint};
+use cxx::UniquePtr;
+use std::path::Path;
+
+/// A grid of floats of which nothing is promised but finite cubic voxels; what a file of others holds.
+pub struct Volume {
+    pub(super) grid: UniquePtr<ffi::Grid>,
+    pub(super) name: String,
+    pub(super) metadata: Vec<(String, String)>,
+}
+
+impl Volume {
+    /// Takes a grid over if it holds floats on cubic voxels.
+    pub(super) fn adopt(
+        path: &Path,
+        name: &str,
+        grid: UniquePtr<ffi::Grid>,
+    ) -> Result<Self, FileError> {
+        let facts = ffi::grid_facts(&grid).map_err(|e| FileError::damaged(path, &e))?;
+        let refuse = |found: String, expected| FileError::NotALevelSet {
+            path: path.to_owned(),
+            grid: name.to_owned(),
+            found,
+            expected,
+        };
+        if facts.grid_type != super::file::FLOATS {
+            return Err(refuse(
+                format!("the type {}", facts.grid_type),
+                super::file::FLOATS,
+            ));
+        }
+        if Transform::new(facts.voxel_size[0]).is_none() || !facts.plain_transform {
+            return Err(refuse(
+                format!("voxels of {:?} or a rotation", facts.voxel_size),
+                "cubic voxels along the axes",
+            ));
+        }
+        let leaves = Leaves::of_grid(&grid).map_err(|e| FileError::damaged(path, &e))?;
+        for leaf in leaves.iter() {
+            if let Some(n) = leaf.values.iter().position(|v| !v.is_finite()) {
+                let found = format!("{} at voxel {:?}", leaf.values[n], leaf.voxel(n).0);
+                return Err(refuse(found, "finite numbers"));
+            }
+        }
+        drop(leaves);
+        Ok(Self {
+            grid,
+            name: name.to_owned(),
+            metadata: GridInfo::from_facts(facts).metadata,
+        })
+    }
+
+    /// Multiplies lengths by `factor`: voxels and their places, not values.
+    ///
+    /// # Errors
+    /// Only what OpenVDB itself refuses.
+    pub fn rescaled(mut self, factor: f64) -> Result<Self, VdbError> {
+        let info = self.info()?;
+        let origin = info.origin.map(|c| c * factor);
+        ffi::grid_place(self.grid.pin_mut(), info.voxel_size[0] * factor, &origin)
+            .map_err(|e| VdbError::plain("scaling", &e))?;
+        Ok(self)
+    }
+
+    /// Its name in the file.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// A metadata value, as text.
+    pub fn meta(&self, key: &str) -> Option<&str> {
+        let found = self.metadata.iter().find(|(k, _)| k == key);
+        found.map(|(_, value)| value.as_str())
+    }
+
+    /// Class, voxels, box and metadata.
+    ///
+    /// # Errors
+    /// Only what OpenVDB itself refuses.
+    pub fn info(&self) -> Result<GridInfo, VdbError> {
+        let facts = ffi::grid_facts(&self.grid).map_err(|e| VdbError::plain("counting", &e))?;
+        Ok(GridInfo::from_facts(facts))
+    }
+
+    /// Its leaves, in order of origin.
+    ///
+    /// # Errors
+    /// Only what OpenVDB itself refuses (memory).
+    pub fn leaves(&self) -> Result<Leaves<'_>, VdbError> {
+        Leaves::of_grid(&self.grid).map_err(|e| VdbError::plain("listing leaves", &e))
+    }
+
+    /// Values at points of the world, trilinear between voxels; the background outside.
+    ///
+    /// # Errors
+    /// Only what OpenVDB itself refuses.
+    pub fn samples(&self, points: &[WorldPoint]) -> Result<Vec<f32>, VdbError> {
+        let flat: Vec<[f64; 3]> = points.iter().map(|p| p.0.into()).collect();
+        let mut values = vec![0.0; points.len()];
+        ffi::grid_samples(&self.grid, flat.as_flattened(), false, &mut values)
+            .map_err(|e| VdbError::plain("sampling", &e))?;
+        Ok(values)
+    }
+
+    /// The level set of the surface on which the values are `value`: of a fog the part above it is
+    /// inside, of a field of distances the part below. By way of a mesh, so the surface moves by up
+    /// to a quarter of a voxel where it is finely curved.
+    ///
+    /// # Errors
+    /// [`VdbError::Parameter`] for a value that is not finite or a half width (voxels) below 1,
+    /// [`VdbError::Cancelled`], or what OpenVDB refuses.
+    pub fn isosurface(
+        &self,
+        value: f64,
+        half_width: f64,
+        session: Session<'_>,
+    ) -> Result<LevelSet, VdbError> {
+        if !value.is_finite() {
+            return Err(VdbError::Parameter {
+                name: "value of the surface",
+                value,
+                expected: "a finite number",
+            });
+        }
+        let info = self.info()?;
+        let transform = Transform::new(info.voxel_size[0]).ok_or(VdbError::Parameter {
+            name: "voxel size",
+            value: info.voxel_size[0],
+            expected: "a positive, finite number",
+        })?;
+        // The builder knows which half widths a level set may have.
+        LevelSetBuilder::new(transform, half_width)?;
+        let grid = ffi::grid_isosurface(&self.grid, value, half_width as f32, &session.host())
+            .map_err(|e| VdbError::of("finding a surface", session, &e))?;
+        Ok(LevelSet {
+            grid,
+            transform,
+            origin: Vec3::from(info.origin),
+            half_width,
+        })
+    }
+
+    /// The same grid as a level set, if it is one.
+    ///
+    /// # Errors
+    /// [`FileError::NotALevelSet`] with what is missing; `path` is its name in errors.
+    pub fn into_level_set(self, path: &Path, session: Session<'_>) -> Result<LevelSet, FileError> {
+        super::file::adopt(path, &self.name, self.grid, session)
+    }
+
+    /// Reads a grid of floats in this process: for files that one has made oneself. Without a name:
+    /// `surface`, else the only level set, else the only grid of floats.
+    ///
+    /// # Errors
+    /// [`FileError::Io`], [`FileError::Damaged`], [`FileError::NoGrid`], or
+    /// [`FileError::NotALevelSet`] for other types and for voxels that are no cubes.
+    pub fn read(path: &Path, name: Option<&str>) -> Result<Self, FileError> {
+        let (name, grid) = super::file::pick(path, name)?;
+        Self::adopt(path, &name, grid)
+    }
+
+    /// A volume from its parts, as they come through a pipe.
+    pub(super) fn assemble(info: &GridInfo) -> Result<VolumeBuilder, cxx::Exception> {
+        let [x, y, z] = info.origin;
+        let grid = ffi::grid_raw(
+            info.voxel_size[0],
+            &[x, y, z],
+            info.background.unwrap_or(0.0) as f32,
+            &info.class,
+        )?;
+        Ok(VolumeBuilder { grid })
+    }
+}
+
+/// A volume in the making.
+pub(super) struct VolumeBuilder {
+    grid: UniquePtr<ffi::Grid>,
+}
+
+impl VolumeBuilder {
+    pub fn leaf(
+        &mut self,
+        origin: Coord,
+        mask: &[u64; 8],
+        values: &[f32; 512],
+    ) -> Result<(), cxx::Exception> {
+        ffi::grid_put_leaf(self.grid.pin_mut(), &origin.0, mask, values)
+    }
+
+    pub fn tile(
+        &mut self,
+        origin: Coord,
+        edge: i32,
+        value: f32,
+        active: bool,
+    ) -> Result<(), cxx::Exception> {
+        ffi::grid_put_tile(self.grid.pin_mut(), &origin.0, edge, value, active)
+    }
+
+    pub fn finish(self) -> UniquePtr<ffi::Grid> {
+        self.grid
+    }
+}

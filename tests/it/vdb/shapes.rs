@@ -1,0 +1,341 @@
+//! Laws of the operations that make a shape of a shape, against closed forms.
+
+use super::*;
+use druse::field::{Capsule, HalfSpace};
+use druse::vdb::{Mask, Placement, Sampled, Volume, WallSide};
+
+/// Largest error of the values as distances to a field, in voxels, where they are below `within`.
+fn distance_error(solid: &LevelSet, field: &WorldField, within: f64) -> f64 {
+    let mut worst = 0f64;
+    solid
+        .for_each_leaf(|leaf| {
+            for n in (0..512).filter(|&n| leaf.is_active(n)) {
+                let p = solid.transform().world(leaf.voxel(n)).0 + solid.origin();
+                let exact = field.value(WorldPoint(p));
+                if exact.abs() < within {
+                    worst = worst.max((f64::from(leaf.values[n]) - exact).abs());
+                }
+            }
+        })
+        .unwrap();
+    worst / solid.voxel_size()
+}
+
+#[test]
+fn a_wider_band_holds_distances_and_a_narrower_one_is_as_before() {
+    let ball = Sphere {
+        centre: Vec3::zeros(),
+        radius: 12.0,
+    };
+    let mut solid = sphere(12.0, 0.5);
+    let before = volume(&solid);
+    solid.widen(6, session()).unwrap();
+    assert_eq!(solid.half_width(), 9.0);
+    assert!((solid.background() - 4.5).abs() < 1e-6);
+    let error = distance_error(&solid, &ball, 4.4);
+    assert!(error < 0.1, "{error} voxels");
+    assert!((volume(&solid) / before - 1.0).abs() < 1e-4);
+}
+
+#[test]
+fn walls_are_as_thick_as_asked() {
+    let (r, t) = (10.0, 1.5);
+    for (side, outer, inner) in [
+        (WallSide::Inside, r, r - t),
+        (WallSide::Outside, r + t, r),
+        (WallSide::Both, r + t / 2.0, r - t / 2.0),
+    ] {
+        let mut solid = sphere(r, 0.4);
+        solid.hollow(t, side, session()).unwrap();
+        let exact = ball(outer) - ball(inner);
+        let found = volume(&solid);
+        assert!((found / exact - 1.0).abs() < 0.01, "{side:?}: {found} {exact}");
+    }
+}
+
+#[test]
+fn erode_undoes_dilate_on_a_sphere() {
+    let ball = Sphere {
+        centre: Vec3::zeros(),
+        radius: 10.0,
+    };
+    // Far beyond the band of 3 voxels.
+    for (distance, scheme, most) in [(1.0, Scheme::First, 0.15), (4.0, Scheme::Weno5, 0.1)] {
+        let session = session().with_scheme(scheme);
+        let mut solid = sphere(10.0, 0.5);
+        solid.dilate(distance, session).unwrap();
+        let grown = Sphere {
+            radius: 10.0 + distance,
+            ..ball
+        };
+        let error = distance_error(&solid, &grown, 0.5);
+        assert!(error < most, "dilated by {distance}: {error} voxels");
+        solid.erode(distance, session).unwrap();
+        let error = distance_error(&solid, &ball, 0.5);
+        assert!(error < most, "and back: {error} voxels");
+    }
+}
+
+#[test]
+fn a_blend_is_the_smooth_minimum() {
+    let (a, b) = (
+        Vec3::new(-3.0, 0.0, 0.0),
+        Vec3::new(3.0, 0.0, 0.0),
+    );
+    let mut solid = sphere_at(a, 4.0, 0.25);
+    let radius = 2.0;
+    solid
+        .blend(sphere_at(b, 4.0, 0.25), radius, session())
+        .unwrap();
+    // On the seam's circle both distances are d: the surface is where d = r / 4.
+    let waist = ((4.0 + radius / 4.0f64).powi(2) - 9.0).sqrt();
+    let at = solid
+        .samples(&[WorldPoint(Vec3::new(0.0, waist, 0.0))])
+        .unwrap()[0];
+    assert!(at.abs() < 0.05 * 0.25, "{at}");
+    // Away from the seam nothing moved.
+    let far = solid
+        .samples(&[WorldPoint(Vec3::new(-7.0, 0.0, 0.0))])
+        .unwrap()[0];
+    assert!(far.abs() < 0.02 * 0.25, "{far}");
+    assert!((solid.half_width() - 3.0).abs() < 1e-6);
+    assert!(solid.check(session()).unwrap().passed());
+}
+
+#[test]
+fn a_fillet_fills_the_corner_and_nothing_else() {
+    // An L: a floor and a wall, each 2 thick, 8 long.
+    let slab = |min: [f64; 3], max: [f64; 3]| {
+        BoxSolid(Aabb {
+            min: Vec3::from(min),
+            max: Vec3::from(max),
+        })
+    };
+    let floor = slab([0.0, 0.0, 0.0], [10.0, 8.0, 2.0]);
+    let wall = slab([0.0, 0.0, 0.0], [2.0, 8.0, 10.0]);
+    let mut solid = level_set(&union(floor, wall), cube(10.0), 0.25);
+    let before = volume(&solid);
+    let radius = 1.5;
+    solid.fillet(radius, session()).unwrap();
+    let gained = volume(&solid) - before;
+    let exact = (1.0 - PI / 4.0) * radius * radius * 8.0;
+    assert!((gained / exact - 1.0).abs() < 0.2, "{gained} against {exact}");
+    // A ball has no concave edge.
+    let mut round = sphere(5.0, 0.25);
+    let before = volume(&round);
+    round.fillet(1.5, session()).unwrap();
+    assert!((volume(&round) / before - 1.0).abs() < 1e-3);
+}
+
+/// A volume whose values are x.
+fn ramp(directory: &std::path::Path) -> Volume {
+    let solid = level_set(
+        &BoxSolid(cube(9.0)),
+        cube(9.0),
+        0.5,
+    );
+    // Wide enough that the whole ball below lies in it.
+    let mut solid = solid;
+    solid.widen(20, session()).unwrap();
+    let along = solid
+        .attribute(
+            |points| points.iter().map(|p| [p.0.x as f32]).collect(),
+            session(),
+        )
+        .unwrap();
+    let path = directory.join("ramp.vdb");
+    let mut file = VdbWriter::new(&path, session()).unwrap();
+    file.attribute("along", &along).unwrap();
+    file.write().unwrap();
+    Volume::read(&path, None).unwrap()
+}
+
+#[test]
+fn a_mask_says_where_and_how_far() {
+    let directory = tempfile::tempdir().unwrap();
+    let volume = ramp(directory.path());
+    assert_eq!(volume.name(), "along");
+    let at = volume
+        .samples(&[WorldPoint(Vec3::new(4.2, 1.0, 0.3))])
+        .unwrap()[0];
+    assert!((at - 4.2).abs() < 1e-5);
+    let mask = Mask {
+        by: &volume,
+        range: [-5.0, 5.0],
+        inverted: false,
+    };
+    let mut solid = sphere(5.0, 0.25);
+    solid.move_by(1.0, mask, session()).unwrap();
+    // The whole distance at x = 5, none at x = -5, half of it between.
+    let radius = |direction: Vec3| {
+        let value = |r: f64| {
+            let p = WorldPoint(direction * r);
+            f64::from(solid.samples(&[p]).unwrap()[0])
+        };
+        let (mut low, mut high) = (4.5, 6.5);
+        for _ in 0..40 {
+            let middle = f64::midpoint(low, high);
+            if value(middle) < 0.0 {
+                low = middle;
+            } else {
+                high = middle;
+            }
+        }
+        low
+    };
+    assert!((radius(-Vec3::x()) - 5.0).abs() < 0.03);
+    assert!((radius(Vec3::x()) - 6.0).abs() < 0.03, "{}", radius(Vec3::x()));
+    assert!((radius(Vec3::y()) - 5.5).abs() < 0.05, "{}", radius(Vec3::y()));
+
+    // A filter through a mask that lets nothing pass changes nothing.
+    let mut solid = sphere(5.0, 0.25);
+    let before = solid.duplicate().unwrap();
+    solid.gaussian(2, 2, session()).unwrap();
+    let nowhere = Mask {
+        range: [50.0, 60.0],
+        ..mask
+    };
+    solid.mix(&before, nowhere, session()).unwrap();
+    let ball = Sphere {
+        centre: Vec3::zeros(),
+        radius: 5.0,
+    };
+    let error = distance_error(&solid, &ball, 0.25);
+    assert!(error < 0.05, "{error}");
+}
+
+#[test]
+fn resampling_keeps_the_solid() {
+    let rod = Capsule {
+        ends: [Vec3::new(-4.0, 1.0, 0.0), Vec3::new(4.0, -1.0, 2.0)],
+        radius: 2.0,
+    };
+    let solid = level_set(&rod, rod.bounds(), 0.25);
+    for h in [0.2, 0.25, 0.4] {
+        let transform = Transform::new(h).unwrap();
+        let finer = solid
+            .resampled(transform, 3.0, Placement::NONE, session())
+            .unwrap();
+        let error = distance_error(&finer, &rod, h) * h / 0.25;
+        assert!(error < 0.05, "{h}: {error} voxels of the source");
+        assert!(finer.check(session()).unwrap().passed());
+    }
+    // Twice as large, turned about z by a right angle, moved.
+    let placement = Placement {
+        scale: 2.0,
+        turn: druse::frame::Mat3::new(0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0),
+        shift: Vec3::new(1.0, 2.0, 3.0),
+    };
+    let moved = solid
+        .resampled(Transform::new(0.4).unwrap(), 3.0, placement, session())
+        .unwrap();
+    let image = |p: Vec3| placement.turn * p * 2.0 + placement.shift;
+    let there = Capsule {
+        ends: rod.ends.map(image),
+        radius: 4.0,
+    };
+    assert!(distance_error(&moved, &there, 0.4) < 0.1);
+}
+
+#[test]
+fn a_sampled_level_set_is_a_field_with_a_bound() {
+    let field = Sampled::new(sphere(4.0, 0.25), 0.75, Placement::NONE, session()).unwrap();
+    let mut state = 7u64;
+    let mut next = || {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+        (state >> 11) as f64 / (1u64 << 53) as f64 * 12.0 - 6.0
+    };
+    for _ in 0..200 {
+        let a = Vec3::from_fn(|_, _| next());
+        let size = Vec3::from_fn(|_, _| next().abs() / 3.0);
+        let region = Aabb {
+            min: a,
+            max: a + size,
+        };
+        let bound = field.bound(&region);
+        for n in 0..27 {
+            let t = Vec3::new(f64::from(n / 9), f64::from(n / 3 % 3), f64::from(n % 3)) / 2.0;
+            let v = field.value(WorldPoint(a + size.component_mul(&t)));
+            assert!(bound.contains(v), "{v} outside {bound:?} in {region:?}");
+        }
+    }
+}
+
+#[test]
+fn trimming_is_intersecting_with_a_box() {
+    let mut solid = sphere(5.0, 0.25);
+    let room = Aabb {
+        min: Vec3::new(-1e6, -1e6, 0.0),
+        max: Vec3::repeat(1e6),
+    };
+    solid.trim(room, session()).unwrap();
+    assert!((volume(&solid) / (ball(5.0) / 2.0) - 1.0).abs() < 0.01);
+    let half = HalfSpace {
+        point: Vec3::zeros(),
+        normal: -Vec3::z(),
+    };
+    let exact = intersection(
+        Sphere {
+            centre: Vec3::zeros(),
+            radius: 5.0,
+        },
+        half,
+    );
+    // Outside the edge the maximum of two distances is no distance; on both faces it is.
+    assert!(distance_error(&solid, &exact, 0.2) < 0.05);
+    let nowhere = Aabb {
+        min: Vec3::repeat(1.0),
+        max: Vec3::zeros(),
+    };
+    assert!(solid.trim(nowhere, session()).is_err());
+}
+
+#[test]
+fn a_fog_turns_back_into_the_solid_it_was_made_of() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("fog.vdb");
+    let solid = sphere(6.0, 0.25);
+    let fog = solid.to_fog(session()).unwrap();
+    let mut file = VdbWriter::new(&path, session()).unwrap();
+    file.fog("density", &fog, false).unwrap();
+    file.write().unwrap();
+    let volume = Volume::read(&path, None).unwrap();
+    assert_eq!(volume.info().unwrap().class, "fog volume");
+    // The ramp goes from 0 on the surface to 1 three voxels below it: 0.5 lies 1.5 voxels inside.
+    let back = volume.isosurface(0.5, 3.0, session()).unwrap();
+    let ball = Sphere {
+        centre: Vec3::zeros(),
+        radius: 6.0 - 1.5 * 0.25,
+    };
+    let error = distance_error(&back, &ball, 0.5);
+    assert!(error < 0.1, "{error} voxels");
+    assert!(volume.isosurface(f64::NAN, 3.0, session()).is_err());
+}
+
+#[test]
+fn attributes_and_half_floats_come_back_with_their_hash() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("a.vdb");
+    let solid = sphere(4.0, 0.25);
+    let place = solid
+        .attribute(
+            |points| {
+                let numbers = points.iter().map(|p| [p.0.x as f32, p.0.y as f32, 1.0]);
+                numbers.collect()
+            },
+            session(),
+        )
+        .unwrap();
+    let mut file = VdbWriter::new(&path, session()).unwrap();
+    file.level_set_as_half("surface", &solid).unwrap();
+    file.attribute("uvw", &place).unwrap();
+    let written = file.write().unwrap();
+    let info = vdb::info(&path).unwrap();
+    assert_eq!(info.content_hash, Some(written.content_hash));
+    let [surface, uvw] = &info.grids[..] else {
+        panic!("{info:?}")
+    };
+    assert!(surface.half && surface.grid_type == "Tree_float_5_4_3");
+    assert_eq!(uvw.grid_type, "Tree_vec3s_5_4_3");
+    assert_eq!(uvw.active_voxels, surface.active_voxels);
+}

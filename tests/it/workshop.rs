@@ -1,0 +1,128 @@
+//! The commands of the volume workshop: `voxelize`, `filter`, `mesh`, and what they refuse.
+
+use serde_json::Value;
+use std::process::{Command, Output, Stdio};
+use tempfile::TempDir;
+
+struct Place(TempDir);
+
+impl Place {
+    /// A ball of radius 5 mm as a level set in metres, and as a mesh in millimetres.
+    fn new() -> Self {
+        let place = Self(tempfile::tempdir().unwrap());
+        let recipe = "druse = 1\nunit = \"mm\"\n[band]\nvoxel_size = 0.4\n[[op]]\nunion = { sphere = { radius = 5 } }\n\
+                      [[output]]\nvdb = \"a.vdb\"\n[[output]]\nmesh = \"a.stl\"\n";
+        std::fs::write(place.0.path().join("r.toml"), recipe).unwrap();
+        place.json("run r.toml");
+        place
+    }
+
+    fn run(&self, line: &str) -> Output {
+        Command::new(env!("CARGO_BIN_EXE_druse"))
+            .args(line.split(' '))
+            .current_dir(&self.0)
+            .stdin(Stdio::null())
+            .output()
+            .unwrap()
+    }
+
+    fn json(&self, line: &str) -> Value {
+        let output = self.run(&format!("{line} --json"));
+        let error = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.success(), "{line}: {error}");
+        serde_json::from_slice(&output.stdout).unwrap()
+    }
+
+    /// Fails with this code and these words, and writes nothing.
+    fn refuse(&self, line: &str, code: i32, words: &[&str]) {
+        let output = self.run(line);
+        let error = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(code), "{line}: {error}");
+        for word in words {
+            assert!(error.contains(word), "{line}: {word:?} is not in {error}");
+        }
+        assert!(!self.0.path().join("none.vdb").exists(), "{line}");
+    }
+}
+
+fn volume(report: &Value) -> f64 {
+    report["solid"]["volume"].as_f64().unwrap()
+}
+
+fn ball(radius: f64) -> f64 {
+    4.0 / 3.0 * std::f64::consts::PI * radius.powi(3)
+}
+
+#[test]
+fn filter_works_in_the_unit_of_its_file_and_in_any_other() {
+    let place = Place::new();
+    let grown = place.json("filter a.vdb -o b.vdb dilate=1mm");
+    assert_eq!(grown["unit"], "m");
+    assert!((volume(&grown) / ball(6e-3) - 1.0).abs() < 0.01);
+    let bare = place.json("filter a.vdb -o c.vdb dilate=0.001");
+    assert_eq!(bare["outputs"][0]["content_hash"], grown["outputs"][0]["content_hash"]);
+    let voxels = place.json("filter a.vdb -o c.vdb dilate=2.5vx");
+    assert_eq!(volume(&voxels), volume(&grown));
+    // Nothing done is nothing changed.
+    let same = place.json("filter a.vdb -o c.vdb keep_largest=false");
+    let before = place.json("info a.vdb");
+    assert_eq!(same["outputs"][0]["content_hash"], before["content_hash"]);
+    let cut = place.json("filter a.vdb -o c.vdb erode=1mm trim={min=[0,-1,-1],max=[1,1,1]}");
+    assert!((volume(&cut) / (ball(4e-3) / 2.0) - 1.0).abs() < 0.02);
+    assert_eq!(place.run("check c.vdb").status.code(), Some(0));
+}
+
+#[test]
+fn meshes_go_in_and_out() {
+    let place = Place::new();
+    let solid = place.json("voxelize a.stl -o v.vdb --voxel-size 0.25mm");
+    assert!((volume(&solid) / ball(5.0) - 1.0).abs() < 0.01);
+    assert_eq!(place.json("info v.vdb")["unit"], "m");
+    place.json("mesh v.vdb -o v.ply");
+    let mesh = place.json("check v.ply");
+    assert!((mesh["volume"].as_f64().unwrap() / ball(5.0) - 1.0).abs() < 0.01);
+    assert_eq!(mesh["closed"], true);
+    // Out of a fog the part above half density.
+    place.json("filter a.vdb -o fog.vdb fog");
+    assert_eq!(place.json("info fog.vdb")["grids"][0]["class"], "fog volume");
+    place.json("mesh fog.vdb -o fog.stl");
+    let mesh = place.json("check fog.stl");
+    assert!((mesh["volume"].as_f64().unwrap() / ball(5.0 - 0.6) - 1.0).abs() < 0.02);
+}
+
+#[test]
+fn solids_of_files_combine_and_other_voxels_are_resampled_with_a_notice() {
+    let place = Place::new();
+    place.json("voxelize a.stl -o fine.vdb --voxel-size 0.3mm");
+    let line = "filter a.vdb -o c.vdb union={vdb={path=\"fine.vdb\",transform={translate=[0.005,0,0]}}}";
+    let both = place.json(line);
+    // Two balls of radius 5 whose centres lie 5 apart: 27/16 of one.
+    assert!((volume(&both) / (ball(5e-3) * 27.0 / 16.0) - 1.0).abs() < 0.01, "{both}");
+    assert_eq!(both["warnings"][0]["code"], "W107");
+    let same = "filter a.vdb -o none.vdb union={vdb={path=\"fine.vdb\",same_voxels=true}}";
+    place.refuse(same, 65, &["voxels of 0.0003 m", "0.0004 m", "same_voxels"]);
+}
+
+#[test]
+fn what_cannot_be_done_is_said() {
+    let place = Place::new();
+    std::fs::write(place.0.path().join("bad.vdb"), b" BDV\0\0\0\0\xe1\0\0\0junk").unwrap();
+    std::fs::write(place.0.path().join("noise.vdb"), b"not a volume at all").unwrap();
+    let cases: [(&str, i32, &[&str]); 12] = [
+        ("filter a.vdb -o none.vdb dillate=1", 65, &["dillate", "did you mean \"dilate\""]),
+        ("filter a.vdb -o none.vdb dilate=1km", 65, &["1km", "length"]),
+        ("filter a.vdb -o none.vdb erode=1", 65, &["empty after op.1.erode", "larger than the part"]),
+        ("filter a.vdb -o none.vdb gaussian=0", 65, &["positive width"]),
+        ("filter a.vdb -o none.vdb gaussian=200", 65, &["at most 64"]),
+        ("filter a.vdb -o none.vdb fog dilate=1mm", 65, &["fog to be the last"]),
+        ("filter a.vdb -o none.vdb prune --grid density", 65, &["no grid \"density\"", "surface"]),
+        ("filter missing.vdb -o none.vdb prune", 66, &["missing.vdb"]),
+        ("filter bad.vdb -o none.vdb prune", 65, &["bad.vdb", "format 225"]),
+        ("filter noise.vdb -o none.vdb prune", 65, &["noise.vdb", "first bytes"]),
+        ("filter a.vdb -o none.vdb union={plane={normal=[0,0,1]}}", 65, &["no end"]),
+        ("filter a.vdb -o none.vdb intersect={plane={normal=[0,0,0]}}", 65, &["normal is 0"]),
+    ];
+    for (line, code, words) in cases {
+        place.refuse(line, code, words);
+    }
+}
