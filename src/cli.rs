@@ -40,6 +40,7 @@ mod scaffold;
 mod schema;
 mod session;
 mod signals;
+mod slice;
 mod vdb;
 mod voxelize;
 mod workshop;
@@ -98,6 +99,8 @@ commands! {
     Filter => filter,
     /// Turn the level set of an OpenVDB file into a mesh.
     Mesh => mesh,
+    /// Cut a level set or a recipe's exact field into layers for printers.
+    Slice => slice,
     /// Say what a file is: any that Druse reads.
     Info => info,
     /// Check a mesh or a level set; exit code 1 when it fails.

@@ -35,6 +35,7 @@ mod probe;
 mod report;
 mod scaffold;
 mod shape;
+mod slices;
 mod source;
 mod stock;
 mod varying;
@@ -52,6 +53,8 @@ pub use report::{
     SeamReport, SolidReport, Stage, Warning,
 };
 pub use source::{CellFault, enter_source};
+
+pub use slices::{SliceOptions, Sliced, slice};
 
 use operate::Bench;
 use stock::Stock;

@@ -105,17 +105,18 @@ impl Draft {
         self.outputs.push(table(entries));
     }
 
-    /// Parses the draft as any recipe, and runs it.
-    pub fn run(
-        mut self,
-        session: &Session,
-        threads: usize,
-    ) -> Result<(Report, Vec<String>), Failure> {
+    /// Parses the draft as any recipe.
+    pub fn recipe(mut self) -> Result<Recipe, Failure> {
         let lists = [("op", self.operations), ("output", self.outputs)];
         for (name, list) in lists {
             self.sections.insert(name.into(), Value::Array(list));
         }
-        let recipe = Recipe::parse(&self.sections.to_string(), &[])?;
+        Ok(Recipe::parse(&self.sections.to_string(), &[])?)
+    }
+
+    /// Runs it.
+    pub fn run(self, session: &Session, threads: usize) -> Result<(Report, Vec<String>), Failure> {
+        let recipe = self.recipe()?;
         let options = RunOptions {
             threads,
             strict: session.strict(),

@@ -98,6 +98,9 @@ pub enum RunError {
     /// A level set has other voxels than the recipe, which wants the same.
     #[error("{0}; same_voxels = true refuses that")]
     Voxels(String),
+    /// A solid cannot be cut so.
+    #[error(transparent)]
+    Slices(#[from] crate::slice::PlanError),
     /// Something without end is to be added.
     #[error("{0} has no end; expected a solid within a box (a plane only cuts)")]
     Endless(String),

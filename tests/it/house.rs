@@ -19,6 +19,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
         &["mesh", "scaffold", "frame", "progress", "symmetry"],
     ),
     ("band", &["field", "frame", "progress"]),
+    ("slice", &["field", "frame"]),
     ("vdb", &["frame", "field", "mesh", "band", "progress"]),
     ("io", &["mesh", "scaffold", "cell", "frame", "polymesh"]),
     (
@@ -30,15 +31,15 @@ const MAY_USE: &[(&str, &[&str])] = &[
     (
         "pipeline",
         &[
-            "frame", "progress", "field", "mesh", "cell", "scaffold", "tiling", "band", "vdb",
-            "io", "recipe", "symmetry", "polymesh",
+            "frame", "progress", "field", "mesh", "cell", "scaffold", "tiling", "band", "slice",
+            "vdb", "io", "recipe", "symmetry", "polymesh",
         ],
     ),
     (
         "cli",
         &[
-            "frame", "progress", "field", "mesh", "cell", "scaffold", "vdb", "io", "recipe",
-            "pipeline", "symmetry", "polymesh",
+            "frame", "progress", "field", "mesh", "cell", "scaffold", "slice", "vdb", "io",
+            "recipe", "pipeline", "symmetry", "polymesh",
         ],
     ),
 ];

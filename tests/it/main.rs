@@ -21,6 +21,8 @@ mod cli;
 #[cfg(feature = "vdb")]
 mod pipeline;
 #[cfg(feature = "vdb")]
+mod safety;
+#[cfg(feature = "vdb")]
 mod vdb;
 #[cfg(feature = "vdb")]
 mod workshop;

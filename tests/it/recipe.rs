@@ -2,8 +2,8 @@
 
 use druse::frame::LengthUnit;
 use druse::recipe::{
-    CellPlace, Length, Op, Operand, PictureSize, Place, Recipe, RecipeError, RecipeFault, Scale,
-    Side, Size, schema,
+    Brief, CellPlace, Length, Op, Operand, PictureSize, Place, Recipe, RecipeError, RecipeFault,
+    Scale, Short, Side, Size, schema,
 };
 use proptest::prelude::*;
 
@@ -94,10 +94,10 @@ fn reads_every_section() {
         (kernel.width.voxels(recipe.scale()), kernel.iterations.0),
         (2.0, 3)
     );
-    let Op::Dilate(d) = s.op[3] else {
+    let Op::Dilate(d) = &s.op[3] else {
         panic!("{:?}", s.op[3]);
     };
-    assert!((d.resolve(recipe.scale()) - 0.3).abs() < 1e-15);
+    assert!((d.distance.resolve(recipe.scale()) - 0.3).abs() < 1e-15);
     assert_eq!(s.output[1].size, Some(PictureSize(640, 480)));
     assert_eq!(
         s.output[0].unit_or_default(recipe.unit()),
@@ -271,7 +271,10 @@ fn overrides_replace_add_and_are_validated() {
     ])
     .unwrap();
     let s = recipe.sections();
-    assert_eq!(s.op[3], Op::Dilate(Size(Length::Bare(0.2))));
+    assert_eq!(
+        s.op[3],
+        Op::Dilate(Brief(Short::short(Size(Length::Bare(0.2)))))
+    );
     assert_eq!(s.tiling.as_ref().unwrap().cells(), ["plate"]);
     assert_eq!(recipe.unit(), LengthUnit::Centimetre);
     assert_eq!(s.output.len(), 3);

@@ -49,7 +49,10 @@ fn walls_are_as_thick_as_asked() {
         solid.hollow(t, side, session()).unwrap();
         let exact = ball(outer) - ball(inner);
         let found = volume(&solid);
-        assert!((found / exact - 1.0).abs() < 0.01, "{side:?}: {found} {exact}");
+        assert!(
+            (found / exact - 1.0).abs() < 0.01,
+            "{side:?}: {found} {exact}"
+        );
     }
 }
 
@@ -78,10 +81,7 @@ fn erode_undoes_dilate_on_a_sphere() {
 
 #[test]
 fn a_blend_is_the_smooth_minimum() {
-    let (a, b) = (
-        Vec3::new(-3.0, 0.0, 0.0),
-        Vec3::new(3.0, 0.0, 0.0),
-    );
+    let (a, b) = (Vec3::new(-3.0, 0.0, 0.0), Vec3::new(3.0, 0.0, 0.0));
     let mut solid = sphere_at(a, 4.0, 0.25);
     let radius = 2.0;
     solid
@@ -119,7 +119,10 @@ fn a_fillet_fills_the_corner_and_nothing_else() {
     solid.fillet(radius, session()).unwrap();
     let gained = volume(&solid) - before;
     let exact = (1.0 - PI / 4.0) * radius * radius * 8.0;
-    assert!((gained / exact - 1.0).abs() < 0.2, "{gained} against {exact}");
+    assert!(
+        (gained / exact - 1.0).abs() < 0.2,
+        "{gained} against {exact}"
+    );
     // A ball has no concave edge.
     let mut round = sphere(5.0, 0.25);
     let before = volume(&round);
@@ -129,11 +132,7 @@ fn a_fillet_fills_the_corner_and_nothing_else() {
 
 /// A volume whose values are x.
 fn ramp(directory: &std::path::Path) -> Volume {
-    let solid = level_set(
-        &BoxSolid(cube(9.0)),
-        cube(9.0),
-        0.5,
-    );
+    let solid = level_set(&BoxSolid(cube(9.0)), cube(9.0), 0.5);
     // Wide enough that the whole ball below lies in it.
     let mut solid = solid;
     solid.widen(20, session()).unwrap();
@@ -184,8 +183,16 @@ fn a_mask_says_where_and_how_far() {
         low
     };
     assert!((radius(-Vec3::x()) - 5.0).abs() < 0.03);
-    assert!((radius(Vec3::x()) - 6.0).abs() < 0.03, "{}", radius(Vec3::x()));
-    assert!((radius(Vec3::y()) - 5.5).abs() < 0.05, "{}", radius(Vec3::y()));
+    assert!(
+        (radius(Vec3::x()) - 6.0).abs() < 0.03,
+        "{}",
+        radius(Vec3::x())
+    );
+    assert!(
+        (radius(Vec3::y()) - 5.5).abs() < 0.05,
+        "{}",
+        radius(Vec3::y())
+    );
 
     // A filter through a mask that lets nothing pass changes nothing.
     let mut solid = sphere(5.0, 0.25);
@@ -242,7 +249,9 @@ fn a_sampled_level_set_is_a_field_with_a_bound() {
     let field = Sampled::new(sphere(4.0, 0.25), 0.75, Placement::NONE, session()).unwrap();
     let mut state = 7u64;
     let mut next = || {
-        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+        state = state
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1);
         (state >> 11) as f64 / (1u64 << 53) as f64 * 12.0 - 6.0
     };
     for _ in 0..200 {

@@ -1,0 +1,164 @@
+//! `druse slice IN.vdb|RECIPE -o X --layer LENGTH`.
+
+use super::kind::FileKind;
+use super::workshop::Draft;
+use super::{Answer, Failure, Session};
+use crate::frame::LengthUnit;
+use crate::io::atomic::{AtomicFile, write_bytes};
+use crate::pipeline::{RunError, RunOptions, SliceOptions, Sliced, slice};
+use crate::recipe::{Length, Recipe, Size};
+use crate::slice::{Layer, cli_head, cli_layer, cli_tail, grey_png, svg_head, svg_layer, svg_tail};
+use clap::{Args, ValueEnum};
+use serde_json::json;
+use std::io::Write;
+use std::path::PathBuf;
+
+#[derive(Args)]
+pub(super) struct Parameters {
+    /// An OpenVDB file, or a recipe, whose exact field is cut without making a volume.
+    file: PathBuf,
+    /// What to write: a directory of pictures (png), one drawing (svg), one stack of outlines (cli).
+    #[arg(short, long, value_name = "X")]
+    output: PathBuf,
+    /// Height of a layer, as in 0.05mm; each is cut at its middle.
+    #[arg(long, value_name = "LENGTH")]
+    layer: Size,
+    /// Axis along which layers lie on each other.
+    #[arg(long, value_enum, default_value = "z")]
+    axis: Axis,
+    /// Kind of file [default: by the extension, else png].
+    #[arg(long, value_enum)]
+    format: Option<Format>,
+    /// Edge of a pixel, and of the squares in which outlines are found [default: a voxel].
+    #[arg(long, value_name = "LENGTH")]
+    pixel: Option<Size>,
+    /// Name of the grid of an OpenVDB file.
+    #[arg(long, value_name = "NAME")]
+    grid: Option<String>,
+    /// Unit of an OpenVDB file's lengths [default: what the file says, else m].
+    #[arg(long)]
+    unit: Option<LengthUnit>,
+    /// Override a key of the recipe, as in band.voxel_size=0.2.
+    #[arg(long, value_name = "KEY=VALUE")]
+    set: Vec<String>,
+    /// Worker threads [default: one per core].
+    #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true)]
+    threads: usize,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum Axis {
+    X,
+    Y,
+    Z,
+}
+
+/// What layers are written as.
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Format {
+    /// Grey pictures with smooth edges.
+    Png,
+    /// One drawing with a group a layer.
+    Svg,
+    /// Common Layer Interface, text, millimetres.
+    Cli,
+}
+
+pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
+    let recipe = match FileKind::of(&p.file, &[FileKind::Vdb, FileKind::Recipe])? {
+        FileKind::Vdb => Draft::of_file(&p.file, p.grid.as_deref(), None, p.unit)?
+            .0
+            .recipe()?,
+        _ => Recipe::read(&p.file, &p.set)?,
+    };
+    let extension = p.output.extension().and_then(|e| e.to_str());
+    let format = p.format.unwrap_or(match extension {
+        Some("svg") => Format::Svg,
+        Some("cli") => Format::Cli,
+        _ => Format::Png,
+    });
+    let options = RunOptions {
+        threads: p.threads,
+        strict: session.strict(),
+        isolated: Some(super::vdb::reader()?),
+        ..RunOptions::default()
+    };
+    let how = SliceOptions {
+        axis: p.axis as usize,
+        layer: p.layer.0,
+        pixel: p.pixel.map(|s| -> Length { s.0 }),
+    };
+    let to_mm = recipe.unit().to(LengthUnit::Millimetre);
+    let mut bytes = 0;
+    let sliced = if format == Format::Png {
+        std::fs::create_dir_all(&p.output).map_err(|e| crate::io::WriteError::Create {
+            path: p.output.clone(),
+            reason: e.to_string(),
+        })?;
+        slice(&recipe, &options, &how, session, |s, n, layer| {
+            let per_metre = 1000.0 / (s.plan.pixel * to_mm);
+            let png = grey_png(&s.plan, layer, per_metre)
+                .map_err(|e| RunError::Empty(format!("encoding a picture: {e}")))?;
+            let path = p.output.join(format!("{:05}.png", n + 1));
+            bytes += write_bytes(&path, &png)?;
+            Ok::<(), Failure>(())
+        })?
+    } else {
+        let mut file = AtomicFile::create(&p.output)?;
+        let put = |file: &mut AtomicFile, text: &str| {
+            let written = file.write_all(text.as_bytes());
+            written.map_err(|e| Failure::from(file.failed(e)))
+        };
+        let sliced = slice(&recipe, &options, &how, session, |s, n, layer| {
+            if n == 0 {
+                put(&mut file, &head(format, s, to_mm))?;
+            }
+            put(&mut file, &body(format, s, n, layer, to_mm))
+        })?;
+        let end = if format == Format::Svg {
+            svg_tail()
+        } else {
+            cli_tail()
+        };
+        put(&mut file, end)?;
+        bytes = file.commit()?;
+        sliced
+    };
+    Ok(told(p, &sliced, bytes))
+}
+
+fn head(format: Format, s: &Sliced, to_mm: f64) -> String {
+    match format {
+        Format::Svg => svg_head(&s.plan, to_mm),
+        _ => cli_head(&s.plan, to_mm),
+    }
+}
+
+fn body(format: Format, s: &Sliced, n: usize, layer: &Layer, to_mm: f64) -> String {
+    match format {
+        Format::Svg => svg_layer(&s.plan, n, layer, to_mm),
+        _ => cli_layer(&s.plan, n, &layer.outlines()),
+    }
+}
+
+fn told(p: &Parameters, s: &Sliced, bytes: u64) -> Answer {
+    let shown = p.output.display().to_string();
+    let (unit, plan) = (s.unit, &s.plan);
+    let text = format!(
+        "{shown}  {} layers of {} {unit}, {}x{} pixels of {} {unit}, volume {:.6} {unit}^3, {}",
+        plan.layers(),
+        plan.height,
+        plan.pixels[0],
+        plan.pixels[1],
+        plan.pixel,
+        s.volume,
+        super::run::size(bytes)
+    );
+    let axis = ["x", "y", "z"][plan.axis];
+    let json = json!({
+        "path": shown, "layers": plan.layers(), "layer": plan.height, "pixel": plan.pixel,
+        "pixels": plan.pixels, "axis": axis, "unit": unit.symbol(),
+        "start": plan.start, "corner": plan.corner, "volume": s.volume, "bytes": bytes,
+    });
+    Answer::new(text, json)
+}
