@@ -176,7 +176,7 @@ fn has_voxels(solid: &LevelSet, recipe: &Recipe) -> bool {
     (solid.voxel_size() - h).abs() <= 1e-9 * h && (solid.half_width() - width).abs() <= 1e-4
 }
 
-/// W107: voxels that are not the recipe's are resampled; refused where the operation asks for it.
+/// W111: voxels that are not the recipe's are resampled; refused where the operation asks for it.
 fn compare_voxels(
     inputs: &mut Inputs,
     grid: &Grid,

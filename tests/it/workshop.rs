@@ -108,7 +108,7 @@ fn solids_of_files_combine_and_other_voxels_are_resampled_with_a_notice() {
         (volume(&both) / (ball(5e-3) * 27.0 / 16.0) - 1.0).abs() < 0.01,
         "{both}"
     );
-    assert_eq!(both["warnings"][0]["code"], "W107");
+    assert_eq!(both["warnings"][0]["code"], "W111");
     let same = "filter a.vdb -o none.vdb union={vdb={path=\"fine.vdb\",same_voxels=true}}";
     place.refuse(same, 65, &["voxels of 0.0003 m", "0.0004 m", "same_voxels"]);
 }
