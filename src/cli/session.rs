@@ -30,8 +30,8 @@ pub(super) struct Manners {
     )]
     color: Color,
     /// Say more on stderr: the time of every stage.
-    #[arg(short, long, global = true, help_heading = "Manners")]
-    verbose: bool,
+    #[arg(short, long, global = true, action = clap::ArgAction::Count, help_heading = "Manners")]
+    verbose: u8,
     /// Treat warnings as errors.
     #[arg(long, global = true, help_heading = "Manners")]
     strict: bool,
@@ -84,7 +84,7 @@ impl Session {
 
     /// Whether more shall be said.
     pub(super) fn verbose(&self) -> bool {
-        self.manners.verbose
+        self.manners.verbose > 0
     }
 
     /// Whether stderr is coloured.

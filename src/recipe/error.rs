@@ -106,7 +106,7 @@ impl RecipeError {
         let found = after.first().copied().unwrap_or_default();
         Self {
             place: Some(Place::Line {
-                line: before.iter().filter(|&&b| b == b'\n').count() + 1,
+                line: before.split(|&b| b == b'\n').count(),
                 column: text.chars().count() + 1,
                 text,
             }),

@@ -227,11 +227,6 @@ fn bad_recipes_are_refused_before_anything_is_written() {
         ),
         ("druse = 1", "druse = 7", &["version 7"]),
         ("[band]", "[band", &["r.toml:2"]),
-        (
-            "picture",
-            "unit = \"mm\"\npicture",
-            &["unit belongs", "vdb or mesh"],
-        ),
     ];
     for (from, to, words) in cases {
         let place = Place::with(&format!("{}{FILES}", BALL.replace(from, to)));
@@ -251,6 +246,14 @@ fn bad_recipes_are_refused_before_anything_is_written() {
         &["memory"],
     );
     refuse(&place, &["run", "none.toml"], 66, &["none.toml"]);
+    let output = "[[output]]\npicture = \"a.png\"\nunit = \"mm\"\n";
+    let place = Place::with(&format!("{BALL}{output}"));
+    refuse(
+        &place,
+        &["run", "r.toml"],
+        65,
+        &["unit belongs", "vdb or mesh", "r.toml:8"],
+    );
     place.write("bytes.toml", b"druse = 1\nunit = \"m\xffm\"\n");
     refuse(
         &place,
