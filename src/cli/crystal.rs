@@ -82,7 +82,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
     let script = Script::parse(&source.text);
     let script = script.map_err(|e| Failure::script(&source.path, &source.text, &e))?;
     session.finish();
-    let done = threads.install(|| script.run(&mut workshop, p.until));
+    let done = script.run(&mut workshop, p.until);
     done.map_err(|e| Failure::script(&source.path, &source.text, &e))?;
     for note in workshop.take_notes() {
         session.note(&format!(

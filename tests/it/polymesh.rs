@@ -1,5 +1,7 @@
 //! The polygon stage: oracles computed by other programs, and laws.
 
+#[cfg(feature = "vdb")]
+mod command;
 mod extrude;
 mod files;
 mod form;

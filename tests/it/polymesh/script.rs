@@ -268,7 +268,7 @@ fn errors_name_line_column_and_a_way_out() {
         (
             "cube\nextrude cubical group=2",
             2,
-            17,
+            23,
             "selects none of the 6 faces; groups in use: 1",
         ),
         ("cube; extrude cubical", 1, 7, "expected its faces"),
@@ -455,4 +455,41 @@ fn a_history_is_bounded() {
     let undone = std::iter::from_fn(|| workshop.history().undo().map(str::to_owned)).count();
     assert_eq!(undone, 3);
     assert!(workshop.mesh().is_some());
+}
+
+#[test]
+fn every_example_is_what_it_says() {
+    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/crystal");
+    let mut seen = 0;
+    for entry in std::fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        if path.extension().is_none_or(|e| e != "crystal") {
+            continue;
+        }
+        let (mesh, _) = druse::io::read_crystal(&path).unwrap_or_else(|e| panic!("{e}"));
+        assert!(
+            mesh.volume() > 0.0 && mesh.euler() == 2,
+            "{}",
+            path.display()
+        );
+        seen += 1;
+    }
+    assert!(seen >= 11, "{seen}");
+    let volume = |name: &str| {
+        let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/crystal");
+        druse::io::read_crystal(path.join(name)).unwrap().0.volume()
+    };
+    for (name, expected) in [
+        ("four_way_star.crystal", 4.661949237),
+        ("tower.crystal", 14.482144797),
+        ("pseudo_menger.crystal", 0.619265356),
+        ("cube_fractal.crystal", 1.380734644),
+        ("pseudo_sierpinski.crystal", 0.063226915),
+    ] {
+        assert!(
+            (volume(name) - expected).abs() < 1e-8,
+            "{name}: {}",
+            volume(name)
+        );
+    }
 }

@@ -1,0 +1,168 @@
+//! `druse crystal`: what it writes, says and refuses.
+
+use serde_json::Value;
+use std::io::Write;
+use std::path::Path;
+use std::process::{Command, Output, Stdio};
+
+fn druse(directory: &Path, arguments: &[&str], input: &str) -> Output {
+    let mut child = Command::new(env!("CARGO_BIN_EXE_druse"))
+        .arg("crystal")
+        .args(arguments)
+        .current_dir(directory)
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    child
+        .stdin
+        .take()
+        .unwrap()
+        .write_all(input.as_bytes())
+        .unwrap();
+    child.wait_with_output().unwrap()
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+const STAR: &str = "param reach = 2\ncube\nassign all 2\nassign faces(abs(normal.z) < .5) 1\nextrude cubical group=1 dihedral=80 tiers=[reach]\n";
+
+#[test]
+fn a_script_becomes_polygons_triangles_and_a_level_set() {
+    let place = tempfile::tempdir().unwrap();
+    std::fs::write(place.path().join("star.crystal"), STAR).unwrap();
+    let done = druse(
+        place.path(),
+        &[
+            "star.crystal",
+            "-o",
+            "a.dlfl",
+            "-o",
+            "a.stl",
+            "-o",
+            "a.vdb",
+            "--voxel-size",
+            "0.05",
+            "--json",
+        ],
+        "",
+    );
+    assert!(done.status.success(), "{}", text(&done.stderr));
+    let facts: Value = serde_json::from_slice(&done.stdout).unwrap();
+    assert_eq!(
+        (facts["vertices"].as_u64(), facts["faces"].as_u64()),
+        (Some(24), Some(22))
+    );
+    assert!((facts["volume"].as_f64().unwrap() - 4.661949237).abs() < 1e-8);
+    assert_eq!(facts["outputs"].as_array().unwrap().len(), 3);
+    for name in ["a.dlfl", "a.mtl", "a.stl", "a.vdb"] {
+        assert!(place.path().join(name).exists(), "{name}");
+    }
+    // A mesh is taken as a script is, and parameters are set from outside.
+    let again = druse(place.path(), &["a.dlfl", "--json"], "");
+    let again: Value = serde_json::from_slice(&again.stdout).unwrap();
+    assert_eq!(again["groups"], facts["groups"]);
+    let short = druse(
+        place.path(),
+        &[
+            "star.crystal",
+            "--set",
+            "reach=1/2",
+            "--until",
+            "5",
+            "--json",
+        ],
+        "",
+    );
+    let short: Value = serde_json::from_slice(&short.stdout).unwrap();
+    assert!(short["volume"].as_f64().unwrap() < 4.0);
+}
+
+#[test]
+fn a_recipe_names_its_crystals() {
+    let place = tempfile::tempdir().unwrap();
+    let recipe = "druse = 1\n[crystal.star]\nsteps = \"param n = 3; prism n=n\"\nset = { n = 7 }\n[crystal.cube]\nsteps = \"cube\"\n[band]\nvoxel_size = 0.1\n[[op]]\nunion = { sphere = { radius = 1 } }\n";
+    std::fs::write(place.path().join("r.toml"), recipe).unwrap();
+    let done = druse(place.path(), &["r.toml", "--name", "star", "--json"], "");
+    let facts: Value = serde_json::from_slice(&done.stdout).unwrap();
+    assert_eq!(facts["faces"].as_u64(), Some(9), "{}", text(&done.stderr));
+    let which = druse(place.path(), &["r.toml"], "");
+    assert_eq!(which.status.code(), Some(65));
+    assert!(text(&which.stderr).contains("found cube, star; expected one crystal, or --name"));
+    std::fs::write(
+        place.path().join("r.toml"),
+        recipe.replace("\"cube\"", "\"cub\""),
+    )
+    .unwrap();
+    let wrong = text(&druse(place.path(), &["r.toml"], "").stderr);
+    assert!(
+        wrong.contains("steps, line 1: no step is called \"cub\""),
+        "{wrong}"
+    );
+}
+
+#[test]
+fn a_conversation_goes_on_after_errors_and_undoes() {
+    let place = tempfile::tempdir().unwrap();
+    let said = "cube\nextrud all\nextrude tetrahedral all\nundo\nredo\nrepeat 2 {\nremesh simplest }\nsteps\nsave a.obj\nquit\nnever";
+    let done = druse(place.path(), &["--interactive"], said);
+    let out = text(&done.stdout);
+    assert!(done.status.success(), "{}", text(&done.stderr));
+    for words in [
+        "8 vertices, 12 edges, 6 faces",
+        "error: line 1: no step is called \"extrud\"; did you mean \"extrude\"?",
+        "14 vertices, 36 edges, 24 faces",
+        "undo: extrude tetrahedral all",
+        "redo: extrude tetrahedral all",
+        "remesh simplest\nremesh simplest",
+    ] {
+        assert!(out.contains(words), "{words}: {out}");
+    }
+    assert!(place.path().join("a.obj").exists());
+    assert!(!out.contains("never"));
+}
+
+#[test]
+fn errors_have_their_place_and_code() {
+    let place = tempfile::tempdir().unwrap();
+    std::fs::write(
+        place.path().join("a.crystal"),
+        "cube\nextrude cubical group=9\n",
+    )
+    .unwrap();
+    let wrong = druse(place.path(), &["a.crystal", "--json"], "");
+    assert_eq!(wrong.status.code(), Some(65));
+    let facts: Value = serde_json::from_slice(&wrong.stdout).unwrap();
+    assert_eq!(facts["line"].as_u64(), Some(2));
+    assert!(
+        facts["message"]
+            .as_str()
+            .unwrap()
+            .contains("selects none of the 6 faces")
+    );
+    assert_eq!(
+        druse(place.path(), &["none.crystal"], "").status.code(),
+        Some(66)
+    );
+    assert_eq!(
+        druse(place.path(), &["a.crystal", "--set", "q"], "")
+            .status
+            .code(),
+        Some(2)
+    );
+    // Self-intersections are reported.
+    std::fs::write(
+        place.path().join("b.crystal"),
+        "cube\nextrude cubical all dihedral=150 tiers=[1]\n",
+    )
+    .unwrap();
+    let met = druse(place.path(), &["b.crystal"], "");
+    assert!(
+        text(&met.stdout).contains("the surface meets itself"),
+        "{}",
+        text(&met.stdout)
+    );
+}
