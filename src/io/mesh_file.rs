@@ -162,7 +162,7 @@ pub fn read_mesh(path: impl AsRef<Path>) -> Result<MeshFile, ReadError> {
 
 /// The triangles of a polygon mesh: of a script that makes one, or of a `.dlfl` file.
 fn polygons(path: &Path) -> Result<Option<MeshFile>, ReadError> {
-    let extension = path.extension().map(|e| e.to_ascii_lowercase());
+    let extension = path.extension().map(std::ffi::OsStr::to_ascii_lowercase);
     let (mesh, warnings) = match extension.as_deref().and_then(|e| e.to_str()) {
         Some("crystal") => {
             let (mesh, notes) = super::read_crystal(path)?;

@@ -150,9 +150,10 @@ fn groups(
                 .all(|&v| tints[v as usize] == first)
                 .then_some(first)
         };
-        let words = draft.faces.iter().map(|face| match tint(face) {
-            Some(color) => format!("{color:?}"),
-            None => {
+        let words = draft.faces.iter().map(|face| {
+            if let Some(color) = tint(face) {
+                format!("{color:?}")
+            } else {
                 mixed += 1;
                 String::new()
             }

@@ -81,7 +81,7 @@ pub fn write_polymesh(path: impl AsRef<Path>, mesh: &PolyMesh) -> Result<u64, Wr
     };
     let materials = mtl::text(mesh.group_counts().into_keys());
     let size = write_bytes(path, text.as_bytes())?;
-    Ok(size + write_bytes(&path.with_extension("mtl"), materials.as_bytes())?)
+    Ok(size + write_bytes(path.with_extension("mtl"), materials.as_bytes())?)
 }
 
 fn extension(path: &Path) -> String {

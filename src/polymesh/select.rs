@@ -103,10 +103,13 @@ impl Scene<'_> {
     }
 }
 
+/// Faces by the arguments that they were found with: how many letters the name has, and the numbers.
+type Faces = HashMap<(usize, Vec<u64>), Option<usize>>;
+
 /// Faces found by place, so that each search is made once.
 #[derive(Default)]
 struct Picked {
-    faces: RefCell<HashMap<(usize, Vec<u64>), Option<usize>>>,
+    faces: RefCell<Faces>,
     highest: RefCell<Option<f64>>,
 }
 

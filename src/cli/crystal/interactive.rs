@@ -77,13 +77,11 @@ fn reply(
                 } else {
                     history.redo()
                 };
-                match step {
-                    Some(step) => said.push(format!("{first}: {step}")),
-                    None => {
-                        said.push(format!("nothing to {first}"));
-                        break;
-                    }
-                }
+                let Some(step) = step else {
+                    said.push(format!("nothing to {first}"));
+                    break;
+                };
+                said.push(format!("{first}: {step}"));
             }
             said.push(state(workshop));
             said.join("\n")

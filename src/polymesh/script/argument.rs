@@ -161,7 +161,8 @@ impl<'s, 'w> Arguments<'s, 'w> {
             })
     }
 
-    fn at(&self, word: &Word, message: String) -> ScriptError {
+    fn at(&self, word: &Word, message: impl Into<String>) -> ScriptError {
+        let message = message.into();
         ScriptError {
             line: word.line,
             column: word.column,
@@ -274,23 +275,21 @@ impl<'s, 'w> Arguments<'s, 'w> {
         let Some(mesh) = &model.mesh else {
             return Err(self.fault("there is no mesh yet; begin with a solid such as cube"));
         };
-        let (word, text, shift) = match self.value("group")? {
-            Some(word) => {
-                let text = format!("group == ({})", word.text);
-                (word, text, -("group == (".len() as i64))
-            }
-            None => {
-                let word = self.bare().cloned();
-                let message = "expected its faces: group=N, faces(...), all, top or last";
-                let word = word.ok_or_else(|| self.fault(message))?;
-                let inner = word
-                    .text
-                    .strip_prefix("faces(")
-                    .and_then(|t| t.strip_suffix(')'));
-                match inner.map(str::to_owned) {
-                    Some(inner) => (word, inner, "faces(".len() as i64),
-                    None => (word.clone(), word.text, 0),
-                }
+        let (word, text, shift) = if let Some(word) = self.value("group")? {
+            let text = format!("group == ({})", word.text);
+            (word, text, -("group == (".len() as i64))
+        } else {
+            let word = self.bare().cloned();
+            let message = "expected its faces: group=N, faces(...), all, top or last";
+            let word = word.ok_or_else(|| self.fault(message))?;
+            let inner = word
+                .text
+                .strip_prefix("faces(")
+                .and_then(|t| t.strip_suffix(')'));
+            if let Some(inner) = inner.map(str::to_owned) {
+                (word, inner, "faces(".len() as i64)
+            } else {
+                (word.clone(), word.text, 0)
             }
         };
         let fault = |e: ExpressionError| ScriptError {

@@ -17,6 +17,16 @@ pub(super) fn script(text: &str) -> Result<Script, ScriptError> {
     Ok(Script { items })
 }
 
+/// An error at a place.
+fn fault((line, column): (usize, usize), message: impl Into<String>) -> ScriptError {
+    ScriptError {
+        line,
+        column,
+        message: message.into(),
+        hint: None,
+    }
+}
+
 struct Reader<'a> {
     text: &'a str,
     at: usize,
@@ -28,15 +38,6 @@ impl Reader<'_> {
     fn place(&self) -> (usize, usize) {
         let column = self.text[self.line_start..self.at].chars().count() + 1;
         (self.line, column)
-    }
-
-    fn fault(&self, (line, column): (usize, usize), message: impl Into<String>) -> ScriptError {
-        ScriptError {
-            line,
-            column,
-            message: message.into(),
-            hint: None,
-        }
     }
 
     fn peek(&self) -> Option<char> {
@@ -71,7 +72,7 @@ impl Reader<'_> {
                 None => {
                     return match opened {
                         None => Ok(items),
-                        Some(place) => Err(self.fault(place, "\"{\" without its \"}\"")),
+                        Some(place) => Err(fault(place, "\"{\" without its \"}\"")),
                     };
                 }
                 Some('}') => {
@@ -79,7 +80,7 @@ impl Reader<'_> {
                     self.bump();
                     return match opened {
                         Some(_) => Ok(items),
-                        None => Err(self.fault(place, "\"}\" without its \"{\"")),
+                        None => Err(fault(place, "\"}\" without its \"{\"")),
                     };
                 }
                 Some('#') => self.comment(),
@@ -97,13 +98,13 @@ impl Reader<'_> {
             "param" => {
                 let rest = self.raw(&['\n', ';', '}'])?;
                 let Some((name, value)) = rest.text.split_once('=') else {
-                    return Err(self.fault(place, "expected param NAME = VALUE"));
+                    return Err(fault(place, "expected param NAME = VALUE"));
                 };
                 let name = name.trim();
                 let good = name.starts_with(|c: char| c.is_ascii_alphabetic())
                     && name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_');
                 if !good {
-                    return Err(self.fault(place, format!("{name:?} is no name for a parameter")));
+                    return Err(fault(place, format!("{name:?} is no name for a parameter")));
                 }
                 let column = rest.column + rest.text.find('=').unwrap_or(0) + 1;
                 Ok(Item::Parameter {
@@ -115,11 +116,11 @@ impl Reader<'_> {
             }
             "repeat" => {
                 if depth >= DEPTH {
-                    return Err(self.fault(place, format!("loops nest more than {DEPTH} deep")));
+                    return Err(fault(place, format!("loops nest more than {DEPTH} deep")));
                 }
                 let count = self.raw(&['{', '\n', ';'])?;
                 if self.peek() != Some('{') {
-                    return Err(self.fault(place, "expected repeat COUNT { ... }"));
+                    return Err(fault(place, "expected repeat COUNT { ... }"));
                 }
                 let opened = self.place();
                 self.bump();
@@ -136,7 +137,7 @@ impl Reader<'_> {
                     let mut known: Vec<&str> = VERBS[1..].iter().map(|v| v.0).collect();
                     known.extend(seed::solids());
                     known.extend(["param", "repeat"]);
-                    let mut error = self.fault(place, format!("no step is called {verb:?}"));
+                    let mut error = fault(place, format!("no step is called {verb:?}"));
                     error.hint = nearest(verb, &known).map(|w| format!("did you mean {w:?}?"));
                     return Err(error);
                 }
@@ -176,13 +177,13 @@ impl Reader<'_> {
                         self.bump();
                     }
                     if self.peek() != Some('"') {
-                        return Err(self.fault((line, column), "a quotation mark without its pair"));
+                        return Err(fault((line, column), "a quotation mark without its pair"));
                     }
                 }
                 '(' => open.push(')'),
                 '[' => open.push(']'),
                 ')' | ']' if open.pop() != Some(c) => {
-                    return Err(self.fault(self.place(), format!("{c:?} without its pair")));
+                    return Err(fault(self.place(), format!("{c:?} without its pair")));
                 }
                 '\n' | ';' | '#' => break,
                 _ => {}
@@ -190,11 +191,17 @@ impl Reader<'_> {
             self.bump();
         }
         if let Some(c) = open.pop() {
-            return Err(self.fault((line, column), format!("a bracket without its {c:?}")));
+            return Err(fault(
+                (line, column),
+                format!("a bracket without its {c:?}"),
+            ));
         }
         if self.at == start {
             let found = self.peek().map_or("the end".into(), |c| format!("{c:?}"));
-            return Err(self.fault((line, column), format!("found {found}; expected a step")));
+            return Err(fault(
+                (line, column),
+                format!("found {found}; expected a step"),
+            ));
         }
         Ok(Word {
             text: self.text[start..self.at].to_owned(),
@@ -215,7 +222,7 @@ impl Reader<'_> {
         }
         let text = self.text[start..self.at].trim_end().to_owned();
         if text.is_empty() {
-            return Err(self.fault((line, column), "found nothing; expected a value"));
+            return Err(fault((line, column), "found nothing; expected a value"));
         }
         Ok(Word { text, line, column })
     }
