@@ -127,7 +127,7 @@ impl Reader<'_> {
             } else {
                 let array = crate::io::read_npy(&path)?;
                 let voxels = Voxels::new(&array.shape, array.values, array.binary)
-                    .map_err(|e| in_file(&path, e.into()))?;
+                    .map_err(FitError::from)?;
                 Source::voxels(element, &voxels, &place)?
             }
         } else if let Some(f) = section.graph.as_ref().or(section.plates.as_ref()) {
@@ -316,7 +316,6 @@ impl From<ReadError> for SourceFault {
 fn in_file(path: &Path, error: FitError) -> SourceFault {
     let expected = match &error {
         FitError::Mesh(_) => "triangles that bound a solid",
-        FitError::Voxels(_) => "voxels with solid and void",
         _ => return error.into(),
     };
     ReadError::data(path, Place::File, error.to_string(), expected).into()
