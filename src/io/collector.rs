@@ -192,13 +192,13 @@ impl<'a> Collector<'a> {
         let scaffold = Scaffold::new(nodes, elements)
             .map_err(|e| self.refuse(&e, &node_places))?
             .with_numbers(numbers);
-        Ok(ElementFile::Solids(ScaffoldFile {
+        Ok(ElementFile::Solids(Box::new(ScaffoldFile {
             scaffold,
             groups,
             fields,
             skipped,
             unused_nodes,
-        }))
+        })))
     }
 
     /// The fields' values of the nodes and elements that are kept.

@@ -1,4 +1,4 @@
-//! Abaqus and CalculiX input decks, `.inp`: nodes, elements, element sets.
+//! Abaqus and `CalculiX` input decks, `.inp`: nodes, elements, element sets.
 //!
 //! `*NODE`, `*ELEMENT` (with `TYPE` and `ELSET`), `*ELSET` (with `GENERATE`), `*NSET` and `*INCLUDE` are
 //! read, every other keyword is passed over. Keywords and parameters are of either case, names are
@@ -210,11 +210,11 @@ impl Deck<'_> {
                 for (c, word) in at.iter_mut().zip(&words[1..]) {
                     // Coordinates may be left out at the end; `1.D0` is Fortran's way to write 1.
                     let text = word.replace(['D', 'd'], "e");
-                    *c = match word.is_empty() {
-                        true => 0.0,
-                        false => text
-                            .parse()
-                            .map_err(|_| source.bad(quote(word), "a coordinate"))?,
+                    *c = if word.is_empty() {
+                        0.0
+                    } else {
+                        let read = text.parse();
+                        read.map_err(|_| source.bad(quote(word), "a coordinate"))?
                     };
                 }
                 self.collector.point(number, at);

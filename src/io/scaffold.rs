@@ -70,7 +70,7 @@ pub struct SurfaceFile {
 #[derive(Debug)]
 pub enum ElementFile {
     /// Solid elements.
-    Solids(ScaffoldFile),
+    Solids(Box<ScaffoldFile>),
     /// Triangles and quads only.
     Surface(SurfaceFile),
 }
@@ -131,7 +131,7 @@ pub fn read_elements(path: impl AsRef<Path>) -> Result<ElementFile, ReadError> {
 /// As [`read_elements`], and when there are no solids.
 pub fn read_scaffold(path: impl AsRef<Path>) -> Result<ScaffoldFile, ReadError> {
     match read_elements(&path)? {
-        ElementFile::Solids(file) => Ok(file),
+        ElementFile::Solids(file) => Ok(*file),
         ElementFile::Surface(file) => {
             let found = format!("only {} surface elements", file.surface.len());
             Err(no_solids(path.as_ref(), found))

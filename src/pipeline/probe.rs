@@ -89,9 +89,9 @@ impl<'a> Probe<'a> {
         let points: Vec<Vec3> = points.iter().map(|&p| p.into()).collect();
         self.threads.install(|| {
             if exact {
-                probe::<Cell>(fill, fill.exact()?, options, &points)
+                probe::<Cell>(fill, &fill.exact()?, options, &points)
             } else {
-                probe::<Table>(fill, fill.tabulated()?, options, &points)
+                probe::<Table>(fill, &fill.tabulated()?, options, &points)
             }
         })
     }
@@ -132,7 +132,7 @@ impl<'a> Probe<'a> {
 
 fn probe<C: CellField>(
     fill: &Fill,
-    filled: Filled<'_, C>,
+    filled: &Filled<'_, C>,
     options: TilingOptions,
     points: &[Vec3],
 ) -> Result<Vec<Probed>, RunError> {
@@ -164,15 +164,15 @@ fn probe<C: CellField>(
         }
     };
     // Distances first, so that the tiling borrows the filling that the values are taken of.
-    Ok(match &filled {
+    Ok(match filled {
         Filled::One(cell) => {
             let tiled = TiledSolid::new(scaffold, *cell, options).map_err(failed)?;
-            let at = |&p: &Vec3| one(p, tiled.value(WorldPoint(p)), &filled);
+            let at = |&p: &Vec3| one(p, tiled.value(WorldPoint(p)), filled);
             points.par_iter().map(at).collect()
         }
         Filled::Many(blend) => {
             let tiled = TiledSolid::new(scaffold, blend, options).map_err(failed)?;
-            let at = |&p: &Vec3| one(p, tiled.value(WorldPoint(p)), &filled);
+            let at = |&p: &Vec3| one(p, tiled.value(WorldPoint(p)), filled);
             points.par_iter().map(at).collect()
         }
     })

@@ -318,12 +318,12 @@ fn filled(solid: &MeshSolid, fill: &FillScaffold, scale: Scale) -> Result<Scaffo
             elements.push(Kind::Hex8, own);
         }
     }
-    let nodes = grid.nodes().iter().map(|v| v + origin).collect();
-    used_only(nodes, &elements)
+    let nodes: Vec<Vec3> = grid.nodes().iter().map(|v| v + origin).collect();
+    used_only(&nodes, &elements)
 }
 
 /// A scaffold without the nodes that no element uses.
-fn used_only(nodes: Vec<Vec3>, elements: &Connectivity) -> Result<Scaffold, ScaffoldError> {
+fn used_only(nodes: &[Vec3], elements: &Connectivity) -> Result<Scaffold, ScaffoldError> {
     let mut new_number = vec![u32::MAX; nodes.len()];
     let mut kept = Vec::new();
     let mut renumbered = Connectivity::default();

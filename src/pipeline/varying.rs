@@ -27,7 +27,7 @@ const NAMES: [&str; 7] = ["x", "y", "z", "bx", "by", "bz", "d"];
 const NEIGHBOURS: usize = 6;
 
 impl Setting<'_> {
-    fn fail(&self, message: String) -> RunError {
+    fn fail(&self, message: impl std::fmt::Display) -> RunError {
         RunError::Tiling(format!("{}: {message}", self.key))
     }
 

@@ -193,11 +193,7 @@ impl<T: Coefficient> Net<T> {
         match self.family {
             Family::Tensor => self.split_axis((self.degree + 1).pow(way as u32)),
             Family::Prism if way == 3 => self.split_axis((self.degree + 1) * (self.degree + 2) / 2),
-            Family::Prism => {
-                let [a, b] = SIMPLEX_EDGES[way];
-                [self.with_midpoint(b, a), self.with_midpoint(a, b)]
-            }
-            Family::Simplex => {
+            Family::Prism | Family::Simplex => {
                 let [a, b] = SIMPLEX_EDGES[way];
                 [self.with_midpoint(b, a), self.with_midpoint(a, b)]
             }

@@ -117,14 +117,14 @@ impl Scaffold {
         let mut total = 0usize;
         for element in 0..self.len() {
             let kind = self.connectivity().kind(element);
-            if !tables.contains_key(&kind) {
+            if let std::collections::hash_map::Entry::Vacant(free) = tables.entry(kind) {
                 let parts = pattern.parts(kind).ok_or(ScaffoldError::NoParts {
                     element: self.number(element),
                     kind,
                     what: pattern.name(),
                 })?;
                 let nodes = parts.iter().map(|p| PartNodes::new(kind, p, pattern));
-                tables.insert(kind, nodes.collect());
+                free.insert(nodes.collect());
             }
             total += tables[&kind].len();
             if total > MOST {

@@ -203,7 +203,7 @@ impl Twisted {
 
     /// A box around what of the closed cell maps into `world`; `None` if nothing does.
     ///
-    /// F(xi) = A xi + b + c q with |q - q(m)| <= r_x / 2 + r_y / 2 + r_z / sqrt 8 over a box of middle
+    /// F(xi) = A xi + b + c q with |q - q(m)| <= `r_x` / 2 + `r_y` / 2 + `r_z` / sqrt 8 over a box of middle
     /// m and half edges r within the pyramid's hull; solved for xi again and again as the box shrinks.
     pub fn cell_box(&self, world: &Aabb) -> Option<CellBox<3>> {
         let shape = Element::Pyramid;
@@ -223,7 +223,7 @@ impl Twisted {
             let reach = radius + (middle - m).abs();
             let (a, b, h) = ratios(CellPoint(m));
             let q = a * b * h;
-            let spread = (reach.x + reach.y) / 2.0 + reach.z / 8f64.sqrt();
+            let spread = f64::midpoint(reach.x, reach.y) + reach.z / 8f64.sqrt();
             let size = half + self.twist.abs() * spread.min(0.5);
             let centre = y * (world.centre().0 - self.affine.origin - self.twist * q);
             if beyond_a_face(shape, &centre, &y, &size) {

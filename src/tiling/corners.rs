@@ -1,8 +1,8 @@
 //! Interpolation of corner values over an element: linear, or smoothed towards the corners.
 //!
-//! Linear: the shape functions of the linear element, r_c the parameters of the cube, `l_v` the
+//! Linear: the shape functions of the linear element, r the parameters of the cube, l the
 //! barycentric coordinates. Smoothed, with S(t) = t^2 (3 - 2 t): on the cube those of S(r), whose
-//! slope across the faces vanishes; on the tet S(l_v) / sum S(l); on the wedge the latter in the
+//! slope across the faces vanishes; on the tet S(l) / sum S(l); on the wedge the latter in the
 //! triangle times S along the prism. Either way the value on a face depends on the face's corners
 //! alone, is the same from both sides, and the functions are positive and sum to one.
 

@@ -106,7 +106,7 @@ pub(super) fn touching_classes(
         }
         for m in operators {
             let image = (m * centre(i) - hull.min).component_div(&size);
-            let cell = [image.x, image.y, image.z].map(|c| c.floor());
+            let cell = [image.x, image.y, image.z].map(f64::floor);
             if cell.iter().all(|c| (0.0..VOXELS as f64).contains(c)) {
                 let [x, y, z] = cell.map(|c| c as usize);
                 let other = (x * VOXELS + y) * VOXELS + z;

@@ -1,7 +1,7 @@
 //! Continuity of fillings over shared faces, and what breaks it.
 
 use crate::strategy::{Noise, mesh};
-use druse::cell::{Cell, Series, Table, symmetry};
+use druse::cell::{Cell, Series, Surface, Table, symmetry};
 use druse::field::Field;
 use druse::frame::{CellPoint, Element, Vec3};
 use druse::scaffold::{Connectivity, Kind, Scaffold};
@@ -168,12 +168,15 @@ fn one_displaced_mid_node_is_found_and_named() {
 #[test]
 fn creases_are_those_of_the_maps() {
     let hexes = Scaffold::box_grid(Vec3::new(2.0, 1.0, 1.0), [2, 1, 1], Kind::Hex8).unwrap();
-    let cell = random_cell(Element::Hex, None, 4);
+    let cell = Surface::SchwarzP.cell(Element::Hex).unwrap();
     let c = certify(&hexes, &cell);
-    assert!(c.kinds[0].crossings > 0 && c.crease_degrees_max < 1e-6);
+    assert!(c.kinds[0].crossings > 0);
+    assert!(c.crease_degrees_max < 1e-5, "{}", c.crease_degrees_max);
     let tets = scaffold(Kind::Tet4, 0.15, 4).unwrap();
-    let c = certify(&tets, &random_cell(Element::Tet, None, 4));
-    assert!(c.kinds[0].crossings > 0 && c.crease_degrees_max > 10.0);
+    let cell = Surface::SchwarzP.cell(Element::Tet).unwrap();
+    let c = certify(&tets, &cell);
+    assert!(c.kinds[0].crossings > 0);
+    assert!(c.crease_degrees_max > 10.0, "{}", c.crease_degrees_max);
 }
 
 /// A tube whose map is C1 has a surface without creases; of straight elements it has one at every
@@ -182,7 +185,7 @@ fn creases_are_those_of_the_maps() {
 fn surfaces_are_smooth_where_the_map_is() {
     let tube = Scaffold::tube(2.0, 4.0, 2.0, 1.5).unwrap();
     assert!(tube.validate().unwrap().warnings().is_empty());
-    let cell = random_cell(Element::Hex, None, 8);
+    let cell = Surface::SchwarzP.cell(Element::Hex).unwrap();
     let smooth = certify(&tube, &cell);
     assert!(smooth.value_jump_max < 1e-9);
     assert!(smooth.kinds[0].crossings > 100);

@@ -221,7 +221,7 @@ fn fields_of_files_set_weights() {
     let mut text = String::from("x,y,z,w\n");
     for i in 0..=6 {
         for (y, z) in [(0, 0), (2, 0), (0, 2), (2, 2)] {
-            text.push_str(&format!("{i},{y},{z},{}\n", f64::from(i) / 6.0));
+            text += &format!("{i},{y},{z},{}\n", f64::from(i) / 6.0);
         }
     }
     std::fs::write(&csv, text).unwrap();

@@ -204,12 +204,11 @@ fn tube(kind: Kind, seed: u64) -> Surface {
             if noise.below(2) == 0 {
                 q.reverse();
             }
-            match kind {
-                Kind::Quad4 => elements.push(kind, &q),
-                _ => {
-                    elements.push(kind, &[q[0], q[1], q[2]]);
-                    elements.push(kind, &[q[2], q[3], q[0]]);
-                }
+            if kind == Kind::Quad4 {
+                elements.push(kind, &q);
+            } else {
+                elements.push(kind, &[q[0], q[1], q[2]]);
+                elements.push(kind, &[q[2], q[3], q[0]]);
             }
         }
     }
