@@ -52,7 +52,7 @@ pub use op::{
     Trim, UpTo,
 };
 pub use operand::{Ball, Block, Grid, Mask, Operand, Plane, Rod, Side, Skin};
-pub use output::{Cut, Output, OutputKind, PictureSize};
+pub use output::{Compression, Cut, Output, OutputKind, PictureSize};
 pub use quantity::{
     Finite, Fraction, HalfWidth, Length, Positive, QuantityError, Scale, Size, Unit, Width,
 };

@@ -130,14 +130,14 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
 fn head(format: Format, s: &Sliced, to_mm: f64) -> String {
     match format {
         Format::Svg => svg_head(&s.plan, to_mm),
-        _ => cli_head(&s.plan, to_mm),
+        _ => cli_head(&s.plan),
     }
 }
 
 fn body(format: Format, s: &Sliced, n: usize, layer: &Layer, to_mm: f64) -> String {
     match format {
         Format::Svg => svg_layer(&s.plan, n, layer, to_mm),
-        _ => cli_layer(&s.plan, n, &layer.outlines()),
+        _ => cli_layer(&s.plan, n, &layer.outlines(), to_mm),
     }
 }
 

@@ -6,8 +6,8 @@ use super::report::OutputFile;
 use crate::frame::LengthUnit;
 use crate::io::atomic::{StagedPath, write_bytes};
 use crate::mesh::TriMesh;
-use crate::recipe::{Op, Output, OutputKind, Recipe};
-use crate::vdb::{LevelSet, VdbWriter};
+use crate::recipe::{Compression as Wanted, Op, Output, OutputKind, Recipe};
+use crate::vdb::{Compression, LevelSet, VdbWriter};
 use std::path::{Path, PathBuf};
 
 /// Where an output goes: beside the recipe, or under the directory asked for.
@@ -89,12 +89,22 @@ fn write_vdb(
         None
     };
     let factor = recipe.unit().to(unit);
-    let mut file = VdbWriter::new(path, bench.session())?.scaled(factor);
+    let mut file = VdbWriter::new(path, bench.session())?
+        .scaled(factor)
+        .compression(match output.compression {
+            Some(Wanted::None) => Compression::None,
+            Some(Wanted::Zip) => Compression::Zip,
+            Some(Wanted::Blosc) | None => Compression::Blosc,
+        });
     if !fog_alone {
-        file.level_set("surface", solid)?;
+        if output.half {
+            file.level_set_as_half("surface", solid)?;
+        } else {
+            file.level_set("surface", solid)?;
+        }
     }
     if let Some(fog) = &fog {
-        file.fog("density", fog, false)?;
+        file.fog("density", fog, output.half)?;
     }
     let text = recipe.source().text();
     file.tag("druse.recipe", &text)?;

@@ -82,7 +82,7 @@ impl Volumes {
     }
 
     /// Where an operation acts, by its key `op.N`.
-    pub fn mask<'a>(&'a self, key: &str, mask: &Mask) -> crate::vdb::Mask<'a> {
+    pub fn mask(&self, key: &str, mask: &Mask) -> crate::vdb::Mask<'_> {
         crate::vdb::Mask {
             by: &self.masks[key],
             range: mask.range.map(|v| v.0),

@@ -399,6 +399,12 @@ fn outputs(sections: &Sections, source: &Source) -> Checked {
         }
         let wrong = [
             ("fog", output.fog && kind != OutputKind::Vdb, "vdb"),
+            ("half", output.half && kind != OutputKind::Vdb, "vdb"),
+            (
+                "compression",
+                output.compression.is_some() && kind != OutputKind::Vdb,
+                "vdb",
+            ),
             (
                 "size",
                 output.size.is_some() && kind != OutputKind::Picture,

@@ -58,24 +58,23 @@ pub fn svg_tail() -> &'static str {
     "</svg>\n"
 }
 
-/// The beginning of a Common Layer Interface file in text, version 2.0; its unit is `unit_mm`
-/// millimetres.
-pub fn cli_head(plan: &Plan, unit_mm: f64) -> String {
+/// The beginning of a Common Layer Interface file in text, version 2.0, in millimetres.
+pub fn cli_head(plan: &Plan) -> String {
     format!(
-        "$$HEADERSTART\n$$ASCII\n$$UNITS/{unit_mm}\n$$VERSION/200\n$$LAYERS/{}\n$$HEADEREND\n$$GEOMETRYSTART\n",
+        "$$HEADERSTART\n$$ASCII\n$$UNITS/1\n$$VERSION/200\n$$LAYERS/{}\n$$HEADEREND\n$$GEOMETRYSTART\n",
         plan.layers()
     )
 }
 
 /// One layer: the height of its upper end, then outlines: 1 counter-clockwise around solid, 0 clockwise
 /// around a hole, closed by their first point.
-pub fn cli_layer(plan: &Plan, n: usize, outlines: &[Outline]) -> String {
-    let mut text = format!("$$LAYER/{:.6}\n", plan.bottom(n) + plan.height);
+pub fn cli_layer(plan: &Plan, n: usize, outlines: &[Outline], to_mm: f64) -> String {
+    let mut text = format!("$$LAYER/{:.6}\n", (plan.bottom(n) + plan.height) * to_mm);
     for outline in outlines {
         let around = u8::from(signed_area(outline) > 0.0);
         let _ = write!(text, "$$POLYLINE/1,{around},{}", outline.len() + 1);
         for p in outline.iter().chain(outline.first()) {
-            let _ = write!(text, ",{:.6},{:.6}", p[0], p[1]);
+            let _ = write!(text, ",{:.6},{:.6}", p[0] * to_mm, p[1] * to_mm);
         }
         text.push('\n');
     }

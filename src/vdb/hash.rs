@@ -37,7 +37,12 @@ fn add_grid(
         hasher.update(text.as_bytes());
     }
     hasher.update(&facts.voxel_size[0].to_le_bytes());
-    hasher.update(&facts.background.to_le_bytes());
+    let background = if facts.half {
+        f64::from(as_half(facts.background as f32))
+    } else {
+        facts.background
+    };
+    hasher.update(&background.to_le_bytes());
 
     // Numbers a voxel: 1, or 3 of vectors. What is stored in halves is hashed as it comes back.
     let table = ffi::leaf_table(grid)?;

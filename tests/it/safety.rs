@@ -99,8 +99,8 @@ fn no_damaged_file_ends_the_program_and_all_damage_is_found() {
         );
         // Whatever is done with it, the program goes on or says why not.
         if n % 8 == 1 {
-            let filtered = druse(place, "filter m.vdb -o f.vdb dilate=0.0004");
-            let code = { filtered }.output().unwrap().status.code();
+            let filtered = druse(place, "filter m.vdb -o f.vdb dilate=0.0004").output();
+            let code = filtered.unwrap().status.code();
             assert!(matches!(code, Some(0 | 65)), "case {n}: {code:?}");
         }
     }

@@ -132,10 +132,9 @@ fn a_fillet_fills_the_corner_and_nothing_else() {
 
 /// A volume whose values are x.
 fn ramp(directory: &std::path::Path) -> Volume {
-    let solid = level_set(&BoxSolid(cube(9.0)), cube(9.0), 0.5);
+    let mut solid = level_set(&BoxSolid(cube(8.0)), cube(8.0), 1.0);
     // Wide enough that the whole ball below lies in it.
-    let mut solid = solid;
-    solid.widen(20, session()).unwrap();
+    solid.widen(8, session()).unwrap();
     let along = solid
         .attribute(
             |points| points.iter().map(|p| [p.0.x as f32]).collect(),
