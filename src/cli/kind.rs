@@ -20,7 +20,7 @@ pub(super) enum FileKind {
 }
 
 /// Extensions and what they mean.
-const TABLE: [(&str, FileKind); 12] = [
+const TABLE: [(&str, FileKind); 14] = [
     ("toml", FileKind::Recipe),
     ("cell", FileKind::Cell),
     ("stl", FileKind::Mesh),

@@ -48,7 +48,7 @@ impl<'a> Probe<'a> {
         progress: &dyn Progress,
     ) -> Result<Self, RunError> {
         let threads = threads(options)?;
-        let stock = Stock::load(recipe, &threads, options.strict, progress)?;
+        let stock = Stock::load(recipe, &threads, options, progress)?;
         if stock.fill().is_none() {
             return Err(RunError::Tiling(
                 "the recipe has no scaffold to look at; expected [scaffold] and [tiling]".into(),

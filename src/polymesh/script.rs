@@ -86,7 +86,7 @@ impl std::fmt::Display for ScriptError {
 impl std::error::Error for ScriptError {}
 
 /// Where a script's files are: `load` and `save` ask it.
-pub trait Files {
+pub trait Files: Sync {
     /// Reads a mesh; options are those of the step (`group_by`, `weld`, `flip`).
     ///
     /// # Errors

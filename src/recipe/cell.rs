@@ -2,7 +2,7 @@
 
 use super::file::{FileRef, Similarity};
 use super::fit::{FitMethod, Solver, Symmetrise};
-use super::hybrid::Share;
+use super::hybrid::Ingredient;
 use super::quantity::{Finite, Fraction, Positive};
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::Deserialize;
@@ -50,7 +50,7 @@ pub struct CellSection {
     /// divided by its mean slope first. Their bands, groups and lattices may differ. As a flag CELL=WEIGHT,
     /// of .cell files or surfaces, averaged with the input (whose weight is 1).
     #[cfg_attr(feature = "cli", arg(long, value_name = "CELL=WEIGHT"))]
-    pub average: Option<Vec<Share>>,
+    pub average: Option<Vec<Ingredient>>,
     /// The union of other cells of the palette by name; as a flag of the input and .cell files or surfaces.
     #[cfg_attr(feature = "cli", arg(long, value_name = "CELL"))]
     pub union: Option<Vec<String>>,

@@ -11,7 +11,7 @@ use std::str::FromStr;
 /// One cell of an average.
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-pub struct Share {
+pub struct Ingredient {
     /// Its name in the palette.
     pub cell: String,
     /// Its weight; they are divided by their sum [default: 1].
@@ -23,7 +23,7 @@ fn one() -> Positive {
     Positive(1.0)
 }
 
-impl FromStr for Share {
+impl FromStr for Ingredient {
     type Err = String;
 
     /// Reads `CELL` or `CELL=WEIGHT`.
@@ -45,13 +45,13 @@ pub struct Hybrid {
     /// How, but for an average.
     join: Option<Join>,
     radius: f64,
-    parts: Vec<Share>,
+    parts: Vec<Ingredient>,
 }
 
 impl CellSection {
     /// What it makes of other cells, if they are its source.
     pub fn hybrid(&self) -> Option<Hybrid> {
-        let of = |join, parts: Vec<Share>| Hybrid {
+        let of = |join, parts: Vec<Ingredient>| Hybrid {
             join,
             radius: self.smooth.map_or(0.0, |r| r.0),
             parts,
@@ -67,7 +67,7 @@ impl CellSection {
         let (join, names) = joins
             .into_iter()
             .find_map(|(j, n)| Some((j, n.as_ref()?)))?;
-        let shares = names.iter().map(|name| Share {
+        let shares = names.iter().map(|name| Ingredient {
             cell: name.clone(),
             weight: one(),
         });
@@ -102,7 +102,7 @@ impl Hybrid {
     /// The same with another first part, of weight 1.
     #[must_use]
     pub fn after(mut self, first: &str) -> Self {
-        let share = Share {
+        let share = Ingredient {
             cell: first.to_owned(),
             weight: one(),
         };
