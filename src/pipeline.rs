@@ -26,6 +26,7 @@ mod error;
 mod estimate;
 mod fit_options;
 mod filling;
+mod group;
 mod inputs;
 mod memory;
 mod operate;
@@ -48,6 +49,7 @@ pub use estimate::Estimate;
 pub use fit_options::fit_options;
 pub use plot::{Curve, Plot, plot};
 pub use probe::{Probe, Probed};
+pub use group::{group_fault, read_group};
 pub use report::{
     BandReport, ContinuityReport, FaceReport, Input, OutputFile, Report, ScaffoldReport,
     SeamReport, SolidReport, Stage, Warning,

@@ -82,8 +82,8 @@ pub enum SymmetryError {
     /// An icosahedral group.
     #[error(
         "group {group} is not crystallographic: no lattice in space has axes of order 5 (a rotation \
-         by 72 degrees has the trace 1.618, which no integer matrix has), so that its cells cannot \
-         repeat over a scaffold; use it for a cell that stands alone"
+         by 72 degrees has the trace 1.618, which no integer matrix has), so that no cell with it can \
+         repeat over a scaffold; its largest crystallographic subgroup is Th"
     )]
     NoLattice {
         /// The group.

@@ -5,10 +5,8 @@ use crate::cell::{Cell, default_group, groups, lattices};
 use crate::field::Field;
 use crate::frame::{CellPoint, Element, Mat3, Vec3};
 use crate::io::atomic::write_bytes;
-use crate::io::{Place, ReadError, read_cell};
-use crate::symmetry::{
-    Basis, GROUP_NAMES, GroupText, GroupTextError, Lattice, PointGroup, SymmetryError,
-};
+use crate::io::read_cell;
+use crate::symmetry::{Basis, GROUP_NAMES, Lattice, PointGroup, SymmetryError};
 use clap::{Args, Subcommand};
 use serde_json::{Value, json};
 use std::fmt::Write;
@@ -43,7 +41,8 @@ enum What {
     Eval {
         /// The .cell file, or the name of a surface.
         cell: PathBuf,
-        /// Points: a .csv with the header x,y,z, or a .npy of shape [n, 3]; - reads a .csv from stdin.
+        /// Points: a .csv with the header x,y,z, or a .npy of shape [n, 3]; - reads a .csv from stdin. For a
+        /// planar cell x,y or [n, 2].
         #[arg(long, value_name = "FILE")]
         points: PathBuf,
         /// The .csv to write; without it the table is printed.
@@ -186,25 +185,8 @@ fn group_info(name: &str, lattice: Option<&str>, radius: f64) -> Result<Answer, 
 
 /// A group from a file of generators.
 fn group_file(path: &Path, lattice: Option<&str>, radius: f64) -> Result<Answer, Failure> {
-    const LARGEST: u64 = 1 << 16;
-    let length = std::fs::metadata(path).map_or(0, |m| m.len());
-    if length > LARGEST {
-        return Err(Failure::data(
-            path,
-            format!("found {length} bytes; expected generators in at most {LARGEST}"),
-        ));
-    }
-    let text = std::fs::read_to_string(path).map_err(|e| ReadError::io(path, e))?;
-    let fault = |e: GroupTextError| {
-        let place = Place::Line(e.line as u64);
-        ReadError::data(
-            path,
-            place,
-            e.reason,
-            "generators such as x,-z,y, one a line",
-        )
-    };
-    let group = GroupText::parse(&text).map_err(fault)?;
+    let fault = |e| crate::pipeline::group_fault(path, e);
+    let group = crate::pipeline::read_group(path)?;
     let name = super::fit::stem(path);
     if group.dimension == 2 {
         let (group, own) = group
@@ -283,17 +265,28 @@ fn is_of<const D: usize>(element: Element, group: &PointGroup<D>, lattice: &Latt
 }
 
 fn eval(cell: &Cell, points: &Path, output: Option<&Path>) -> Result<Answer, Failure> {
-    let points = super::points::read(points)?;
-    let mut table = String::from("x,y,z,phi,gx,gy,gz\n");
+    let planar = cell.element().dimension() == 2;
+    let columns: &[&str] = if planar {
+        &["x", "y", "phi", "gx", "gy"]
+    } else {
+        &["x", "y", "z", "phi", "gx", "gy", "gz"]
+    };
+    let mut table = columns.join(",") + "\n";
     let mut rows = Vec::new();
-    for [x, y, z] in points {
+    for [x, y, z] in super::points::read(points, planar)? {
         let (phi, g) = cell
             .form()
             .value_and_gradient(CellPoint(Vec3::new(x, y, z)));
-        let _ = writeln!(table, "{x},{y},{z},{phi},{},{},{}", g.x, g.y, g.z);
-        rows.push(json!([x, y, z, phi, g.x, g.y, g.z]));
+        let row = if planar {
+            vec![x, y, phi, g.x, g.y]
+        } else {
+            vec![x, y, z, phi, g.x, g.y, g.z]
+        };
+        let numbers: Vec<String> = row.iter().map(ToString::to_string).collect();
+        table += &numbers.join(",");
+        table.push('\n');
+        rows.push(json!(row));
     }
-    let columns = ["x", "y", "z", "phi", "gx", "gy", "gz"];
     let Some(path) = output else {
         return Ok(Answer::new(
             table,

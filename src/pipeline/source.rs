@@ -14,6 +14,7 @@ use crate::frame::{Aabb, Element, LengthUnit, Mat3, Vec3};
 use crate::io::{MeshFormat, Place, ReadError, TEXT_CLOUDS};
 use crate::mesh::{CloudSolid, TriMesh};
 use crate::recipe::{self, Brief, CellPlace, CellSection, FileFrame, FileRef, Short};
+use crate::symmetry::GROUP_NAMES;
 use crate::vdb::{LevelSet, Session};
 use std::path::{Path, PathBuf};
 
@@ -217,7 +218,10 @@ impl Reader<'_> {
             found.file = Some(("file", path, Aabb::of(element.vertices())));
             return Ok(cell.named(name));
         }
-        let options = fit_options(section);
+        let mut options = fit_options(section);
+        if let Some(group) = &options.group {
+            options.group = Some(self.group(group)?);
+        }
         let cell = if let Some(file) = natural_samples(section, &options) {
             self.transformed(name, section, (element, file, options), found)?
         } else {
@@ -237,6 +241,17 @@ impl Reader<'_> {
         };
         found.warn(Warning::CELL, cell.report().map_or(&[], |r| &r.warnings));
         Ok(cell)
+    }
+}
+
+impl Reader<'_> {
+    /// The name of a group or its generators; those of a file if that is what the word names.
+    fn group(&self, word: &str) -> Result<String, SourceFault> {
+        let path = (self.resolve)(Path::new(word));
+        if GROUP_NAMES.contains(&word) || word.contains(',') || !path.is_file() {
+            return Ok(word.to_owned());
+        }
+        Ok(super::group::read_group(&path)?.line())
     }
 }
 

@@ -115,6 +115,17 @@ impl GroupText {
         })
     }
 
+    /// The text on one line, its parts divided by `;`, without remarks.
+    pub fn line(&self) -> String {
+        let word = |key: &str, value: &Option<String>| value.as_ref().map(|v| format!("{key} {v}"));
+        let mut parts: Vec<String> = word("name", &self.name)
+            .into_iter()
+            .chain(word("lattice", &self.lattice))
+            .collect();
+        parts.extend(self.generators.iter().map(|g| g.1.clone()));
+        parts.join("; ")
+    }
+
     /// The group, in the coordinates of the text's own lattice, else of the one named `default`;
     /// called `name` unless it names itself.
     ///

@@ -296,6 +296,7 @@ fn groups_are_read_from_text() {
         ("D2", 4, Some("cubic"))
     );
     assert!(!group.is_named(&lattice));
+    assert_eq!(text.line(), "name D2; lattice cubic; -x,-y,z; x,-y,-z");
     let plain = GroupText::parse("-y,x").unwrap();
     assert_eq!(plain.group::<2>("turn", "square").unwrap().0.name(), "turn");
     assert!(

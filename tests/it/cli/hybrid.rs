@@ -163,3 +163,49 @@ fn groups_are_described() {
         &["D3"],
     );
 }
+
+#[test]
+fn cells_get_groups_from_files_and_planar_ones_are_evaluated_in_the_plane() {
+    let place = Place::new();
+    place.write("turns.group", "lattice cubic\n-x,-y,z # about z\nx,-y,-z\n");
+    let arguments = [
+        "fit",
+        "hypot(x - 0.1, y) - 0.2 + 0.1 * z",
+        "--group",
+        "turns.group",
+        "--band-limit",
+        "2",
+        "-o",
+        "t.cell",
+    ];
+    let output = place.run(&arguments);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    let facts = json(&place.run(&["cell", "info", "t.cell", "--json"]));
+    assert_eq!(
+        (&facts["group"], &facts["operators"]),
+        (&"turns".into(), &4.into())
+    );
+    assert_eq!(facts["any_numbering"], false);
+    let planar = [
+        "fit",
+        "hypot(x, y) - 0.3",
+        "--element",
+        "quad",
+        "--band-limit",
+        "4",
+        "-o",
+        "q.cell",
+    ];
+    let output = place.run(&planar);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    place.write("p.csv", "x,y\n0.1,0.2\n");
+    let output = place.run(&["cell", "eval", "q.cell", "--points", "p.csv"]);
+    let table = text(&output.stdout);
+    assert!(table.starts_with("x,y,phi,gx,gy\n0.1,0.2,-0.0"), "{table}");
+    refuse(
+        &place,
+        &["cell", "eval", "t.cell", "--points", "p.csv"],
+        65,
+        &["x,y,z"],
+    );
+}
