@@ -46,7 +46,7 @@ pub use crystal::CrystalSection;
 pub use error::{Place, RecipeError, RecipeFault};
 pub use file::{FileFrame, FileRef, Similarity, Up};
 pub use fit::{FitMethod, Solver, Symmetrise};
-pub use hybrid::{Hybrid, Ingredient};
+pub use hybrid::{Hybrid, Ingredient, Surroundings};
 pub use op::{
     Blend, DropSmall, Fillet, Flow, Hollow, Iterations, Kernel, Move, Op, Renormalise, Resample,
     Trim, UpTo,

@@ -72,8 +72,12 @@ fn make(
         warnings.extend(more);
     }
     let failed = |e: String| Failure::data(&p.input, e);
-    let cell = hybrid.after("input").make(&name, &cells);
-    let cell = cell.map_err(|e| failed(e.to_string()))?;
+    let options = pipeline::fit_options(&p.cell);
+    let cell = hybrid.after("input").make(&name, &cells, &options, session);
+    let cell = cell.map_err(|e| match e {
+        crate::cell::FitError::Cancelled(_) => Failure::stopped(130),
+        e => failed(e.to_string()),
+    })?;
     let cell = pipeline::levelled(cell, &p.cell).map_err(|e| failed(e.to_string()))?;
     Ok((cell, warnings))
 }

@@ -5,7 +5,7 @@ use super::inputs::Inputs;
 use super::operate::Bench;
 use super::report::Warning;
 use super::shape::Shape;
-use super::source::{CellFault, Found, Reader};
+use super::source::{CellFault, Found, Reader, SourceFault};
 use crate::cell::{Cell, Solid, Table};
 use crate::frame::Element;
 use crate::recipe::{self, CellSection};
@@ -47,7 +47,10 @@ pub(super) fn make(
                 session,
             )?);
         }
-        let cell = hybrid.make(name, &parts).map_err(|e| fail(e.into()))?;
+        let options = super::fit_options(section);
+        let cell = hybrid
+            .make(name, &parts, &options, session.progress)
+            .map_err(|e| SourceFault::from(e).of(key))?;
         return levelled(cell, section).map_err(fail);
     }
     let reader = Reader {

@@ -94,7 +94,7 @@ impl Setting<'_> {
             .as_ref()
             .or(scaffold.and_then(|s| s.file.as_ref()));
         let Some(file) = file else {
-            return Err(self.fail("a field needs a file: the scaffold has none of its own".into()));
+            return Err(self.fail("a field needs a file: the scaffold has none of its own"));
         };
         let path = inputs.recipe.resolve(&file.path);
         let map = frame_map(file, file.unit.map(|u| u.0), inputs.recipe.unit());
@@ -121,7 +121,7 @@ impl Setting<'_> {
             .map(|(i, v)| match (v, field.outside) {
                 (Some(v), _) => Ok(v),
                 (None, Outside::Nearest) => {
-                    nearest(i).ok_or_else(|| self.fail("the field has no points".into()))
+                    nearest(i).ok_or_else(|| self.fail("the field has no points"))
                 }
                 (None, Outside::Error) => Err(self.fail(format!(
                     "({}, {}, {}) lies outside {}; outside = \"nearest\" takes the nearest value",

@@ -2,7 +2,7 @@
 
 use super::file::{FileRef, Similarity};
 use super::fit::{FitMethod, Solver, Symmetrise};
-use super::hybrid::Ingredient;
+use super::hybrid::{Ingredient, Surroundings};
 use super::quantity::{Finite, Fraction, Positive};
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::Deserialize;
@@ -13,7 +13,9 @@ use std::fmt;
 use std::str::FromStr;
 
 /// One unit cell of the palette. Exactly one of `mesh`, `points`, `voxels`, `surface`, `formula`, `graph`,
-/// `plates`, `file`, `average`, `union`, `intersection` and `difference` is its source; at most one of `level`, `volume_fraction` and `thickness` sets its level.
+/// `plates`, `file`, `average`, `union`, `intersection`, `difference`, `minkowski_sum` and
+/// `minkowski_difference` is its source; at most one of `level`, `volume_fraction` and `thickness` sets
+/// its level.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
 #[cfg_attr(feature = "cli", derive(clap::Args))]
 #[serde(deny_unknown_fields, default)]
@@ -60,6 +62,16 @@ pub struct CellSection {
     /// The first of other cells without the rest; as a flag the input without them.
     #[cfg_attr(feature = "cli", arg(long, value_name = "CELL"))]
     pub difference: Option<Vec<String>>,
+    /// The Minkowski sum of other cells: the first grown by the part of the others inside the element,
+    /// about its origin, and fitted again; as a flag the input grown by .cell files or surfaces.
+    #[cfg_attr(feature = "cli", arg(long, value_name = "CELL"))]
+    pub minkowski_sum: Option<Vec<String>>,
+    /// The Minkowski difference, likewise: the first eroded by the others.
+    #[cfg_attr(feature = "cli", arg(long, value_name = "CELL"))]
+    pub minkowski_difference: Option<Vec<String>>,
+    /// What surrounds the element in a Minkowski sum or difference.
+    #[cfg_attr(feature = "cli", arg(long))]
+    pub environment: Option<Surroundings>,
     /// Radius that rounds the edges of a union, intersection or difference, in reference lengths.
     #[cfg_attr(feature = "cli", arg(long, value_name = "RADIUS"))]
     pub smooth: Option<Positive>,
@@ -317,6 +329,8 @@ impl CellSection {
             ("union", self.union.is_some()),
             ("intersection", self.intersection.is_some()),
             ("difference", self.difference.is_some()),
+            ("minkowski_sum", self.minkowski_sum.is_some()),
+            ("minkowski_difference", self.minkowski_difference.is_some()),
         ];
         given.iter().filter(|g| g.1).map(|g| g.0).collect()
     }

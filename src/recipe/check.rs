@@ -56,7 +56,8 @@ fn cells(sections: &Sections, source: &Source) -> Checked {
                 &key,
                 format!(
                     "{key} needs exactly one source of mesh, points, voxels, surface, formula, graph, \
-                     plates, file, average, union, intersection, difference; found {found}"
+                     plates, file, average, union, intersection, difference, minkowski_sum, \
+                     minkowski_difference; found {found}"
                 ),
             ));
         }

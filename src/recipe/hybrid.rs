@@ -1,8 +1,11 @@
-//! Cells made of other cells of the palette: averages, unions, intersections, differences.
+//! Cells made of other cells of the palette: averages, unions, intersections, differences, Minkowski
+//! sums and differences.
 
 use super::cell::CellSection;
 use super::quantity::Positive;
-use crate::cell::{Cell, CellError, Join};
+use crate::cell::minkowski::{Environment, Minkowski, Operation, minkowski};
+use crate::cell::{Cell, CellError, FitError, FitOptions, Join};
+use crate::progress::Progress;
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::collections::{BTreeMap, BTreeSet};
@@ -39,39 +42,71 @@ impl FromStr for Ingredient {
     }
 }
 
+/// What surrounds the element in a Minkowski sum or difference.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
+#[serde(rename_all = "lowercase")]
+pub enum Surroundings {
+    /// The first cell's own continuation, as its neighbours in a tiling.
+    #[default]
+    Torus,
+    /// Void: the first cell ends at the faces.
+    Cell,
+}
+
+/// How cells are put together.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Way {
+    Average,
+    Join(Join, f64),
+    Minkowski(Minkowski),
+}
+
 /// What a section makes of other cells.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Hybrid {
-    /// How, but for an average.
-    join: Option<Join>,
-    radius: f64,
+    way: Way,
     parts: Vec<Ingredient>,
 }
 
 impl CellSection {
     /// What it makes of other cells, if they are its source.
     pub fn hybrid(&self) -> Option<Hybrid> {
-        let of = |join, parts: Vec<Ingredient>| Hybrid {
-            join,
-            radius: self.smooth.map_or(0.0, |r| r.0),
-            parts,
-        };
         if let Some(shares) = &self.average {
-            return Some(of(None, shares.clone()));
+            return Some(Hybrid {
+                way: Way::Average,
+                parts: shares.clone(),
+            });
         }
-        let joins = [
-            (Join::Union, &self.union),
-            (Join::Intersection, &self.intersection),
-            (Join::Difference, &self.difference),
+        let radius = self.smooth.map_or(0.0, |r| r.0);
+        let environment = match self.environment.unwrap_or_default() {
+            Surroundings::Torus => Environment::Torus,
+            Surroundings::Cell => Environment::Cell,
+        };
+        let minkowski = |operation| {
+            Way::Minkowski(Minkowski {
+                operation,
+                environment,
+            })
+        };
+        let ways = [
+            (Way::Join(Join::Union, radius), &self.union),
+            (Way::Join(Join::Intersection, radius), &self.intersection),
+            (Way::Join(Join::Difference, radius), &self.difference),
+            (minkowski(Operation::Sum), &self.minkowski_sum),
+            (minkowski(Operation::Difference), &self.minkowski_difference),
         ];
-        let (join, names) = joins
+        let (way, names) = ways
             .into_iter()
-            .find_map(|(j, n)| Some((j, n.as_ref()?)))?;
+            .find_map(|(way, names)| Some((way, names.as_ref()?)))?;
         let shares = names.iter().map(|name| Ingredient {
             cell: name.clone(),
             weight: one(),
         });
-        Some(of(Some(join), shares.collect()))
+        Some(Hybrid {
+            way,
+            parts: shares.collect(),
+        })
     }
 
     /// The section without what it makes of other cells, its level and its name.
@@ -82,6 +117,9 @@ impl CellSection {
             union: None,
             intersection: None,
             difference: None,
+            minkowski_sum: None,
+            minkowski_difference: None,
+            environment: None,
             smooth: None,
             level: None,
             volume_fraction: None,
@@ -110,21 +148,42 @@ impl Hybrid {
         self
     }
 
-    /// The cell that the parts make, given in order.
+    /// The cell that the parts make, given in order; a Minkowski sum is fitted with the options.
     ///
     /// # Errors
-    /// [`CellError::Expression`]: no parts, several elements, a difference of one.
-    pub fn make(&self, name: &str, cells: &[Cell]) -> Result<Cell, CellError> {
-        match self.join {
-            None => {
+    /// [`CellError::Expression`]: no parts, several elements, a difference of one; those of
+    /// [`minkowski`].
+    pub fn make(
+        &self,
+        name: &str,
+        cells: &[Cell],
+        options: &FitOptions,
+        progress: &dyn Progress,
+    ) -> Result<Cell, FitError> {
+        let all: Vec<&Cell> = cells.iter().collect();
+        match self.way {
+            Way::Average => {
                 let weights = self.parts.iter().map(|s| s.weight.0);
                 let shares: Vec<(f64, &Cell)> = weights.zip(cells).collect();
-                Cell::average(name, &shares)
+                Ok(Cell::average(name, &shares)?)
             }
-            Some(join) => Cell::joined(name, join, &cells.iter().collect::<Vec<_>>(), self.radius),
+            Way::Join(join, radius) => Ok(Cell::joined(name, join, &all, radius)?),
+            Way::Minkowski(how) => {
+                let [first, rest @ ..] = all.as_slice() else {
+                    let none = "a Minkowski sum needs cells; found none".to_owned();
+                    return Err(CellError::Expression(none).into());
+                };
+                let mut cell = (*first).clone();
+                for other in rest {
+                    cell = minkowski(name, &cell, other, how, options, progress)?;
+                }
+                Ok(cell.named(name))
+            }
         }
     }
 }
+
+const ENVIRONMENT: &str = "environment goes with minkowski_sum or minkowski_difference";
 
 /// What is wrong with the hybrids of a palette: the name of the cell and the reason.
 pub(super) fn check(cells: &BTreeMap<String, CellSection>) -> Result<(), (String, String)> {
@@ -134,10 +193,24 @@ pub(super) fn check(cells: &BTreeMap<String, CellSection>) -> Result<(), (String
             if section.smooth.is_some() {
                 return wrong("smooth goes with union, intersection or difference".to_owned());
             }
+            if section.environment.is_some() {
+                return wrong(ENVIRONMENT.to_owned());
+            }
             continue;
         };
-        if hybrid.join.is_none() && section.smooth.is_some() {
-            return wrong("an average has no edges to smooth".to_owned());
+        if section.smooth.is_some() {
+            let kind = match hybrid.way {
+                Way::Average => Some("an average"),
+                Way::Minkowski(_) => Some("a Minkowski sum"),
+                Way::Join(..) => None,
+            };
+            if let Some(kind) = kind {
+                return wrong(format!("{kind} has no edges to smooth"));
+            }
+        }
+        let sum = matches!(hybrid.way, Way::Minkowski(_));
+        if section.environment.is_some() && !sum {
+            return wrong(ENVIRONMENT.to_owned());
         }
         if hybrid.parts.is_empty() {
             return wrong("found no cells; expected at least one".to_owned());

@@ -25,7 +25,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
     (
         "recipe",
         &[
-            "frame", "field", "mesh", "cell", "scaffold", "tiling", "band", "polymesh",
+            "frame", "progress", "field", "mesh", "cell", "scaffold", "tiling", "band", "polymesh",
         ],
     ),
     (

@@ -65,6 +65,14 @@ fn wrong_hybrids_are_refused_by_name() {
             "average = [{ cell = \"p\" }]\nsmooth = 0.1",
             &["no edges to smooth"],
         ),
+        (
+            "surface = \"iwp\"\nenvironment = \"cell\"",
+            &["environment goes with minkowski_sum"],
+        ),
+        (
+            "minkowski_sum = [\"p\"]\nsmooth = 0.1",
+            &["no edges to smooth"],
+        ),
         ("average = [{ cell = \"p\", weight = 0 }]", &["positive"]),
         ("difference = [\"p\"]", &["cell.both", "at least two"]),
     ] {
@@ -208,4 +216,21 @@ fn cells_get_groups_from_files_and_planar_ones_are_evaluated_in_the_plane() {
         65,
         &["x,y,z"],
     );
+fn fit_grows_and_erodes_its_input_by_another_cell() {
+    let place = Place::new();
+    let ball = |radius: &str| format!("sqrt(x^2 + y^2 + z^2) - {radius}");
+    let fit = |input: &str, more: &[&str]| {
+        let mut all = vec!["fit", input, "--element", "hex", "--band-limit", "4"];
+        all.extend(more);
+        let output = place.run(&all);
+        assert!(output.status.success(), "{}", text(&output.stderr));
+    };
+    fit(&ball("0.1"), &["-o", "small.cell"]);
+    for (flag, radius) in [("--minkowski-sum", 0.35f64), ("--minkowski-difference", 0.15)] {
+        fit(&ball("0.25"), &[flag, "small.cell", "-o", "x.cell"]);
+        let facts = json(&place.run(&["cell", "info", "x.cell", "--json"]));
+        let fraction = facts["volume_fraction"].as_f64().unwrap();
+        let exact = 4.0 / 3.0 * std::f64::consts::PI * radius.powi(3);
+        assert!((fraction / exact - 1.0).abs() < 0.15, "{flag}: {fraction} {exact}");
+    }
 }
