@@ -183,10 +183,14 @@ pub fn one_element(
     session: crate::vdb::Session,
 ) -> Result<crate::vdb::LevelSet, RunError> {
     let failed = |e: String| RunError::Tiling(e);
-    let (kind, vertices) = match cell.element() {
-        Element::Tet => (Kind::Tet4, cell.element().vertices()),
-        _ => (Kind::Hex8, Element::Hex.vertices()),
+    // Planar cells are shown in the prisms over them.
+    let (kind, shape) = match cell.element() {
+        Element::Tet => (Kind::Tet4, Element::Tet),
+        Element::Tri | Element::Wedge => (Kind::Wedge6, Element::Wedge),
+        Element::Pyramid => (Kind::Pyramid5, Element::Pyramid),
+        Element::Quad | Element::Hex => (Kind::Hex8, Element::Hex),
     };
+    let vertices = shape.vertices();
     let mut elements = Connectivity::default();
     let nodes: Vec<u32> = (0..vertices.len() as u32).collect();
     elements.push(kind, &nodes);
