@@ -34,7 +34,7 @@ pub(super) struct Parameters {
 
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     let recipe = Recipe::read(&p.recipe, &p.set)?;
-    let points = super::points::read(&p.points)?;
+    let points = super::points::read(&p.points, false)?;
     let options = RunOptions {
         threads: p.threads,
         ..RunOptions::default()

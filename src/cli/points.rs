@@ -87,7 +87,7 @@ fn csv(path: &Path, bytes: &[u8], planar: bool) -> Result<Vec<[f64; 3]>, ReadErr
 }
 
 fn npy(path: &Path, planar: bool) -> Result<Vec<[f64; 3]>, ReadError> {
-    let array = crate::io::read_npy(path, planar)?;
+    let array = crate::io::read_npy(path)?;
     let width = if planar { 2 } else { 3 };
     if array.shape.len() != 2 || array.shape[1] != width {
         let found = format!("shape {:?}", array.shape);

@@ -2,14 +2,14 @@
 
 use super::{Place, ReadError, Source, read_polymesh, write_polymesh};
 use crate::polymesh::{Files, LoadOptions, Loaded, Note, PolyMesh, Script, ScriptError, Workshop};
-use std::cell::RefCell;
+use std::sync::Mutex;
 use std::path::{Path, PathBuf};
 
 /// Files of a script, relative to a directory; what it saves is noted, or left out.
 pub struct DiskFiles {
     directory: PathBuf,
     saves: bool,
-    saved: RefCell<Vec<(PathBuf, u64)>>,
+    saved: Mutex<Vec<(PathBuf, u64)>>,
 }
 
 impl DiskFiles {
@@ -18,7 +18,7 @@ impl DiskFiles {
         Self {
             directory: directory.as_ref().to_owned(),
             saves,
-            saved: RefCell::default(),
+            saved: Mutex::default(),
         }
     }
 
@@ -29,7 +29,7 @@ impl DiskFiles {
 
     /// What was saved, with its size in bytes.
     pub fn saved(&self) -> Vec<(PathBuf, u64)> {
-        self.saved.borrow().clone()
+        self.saved.lock().map_or_else(|e| e.into_inner().clone(), |s| s.clone())
     }
 }
 
@@ -42,7 +42,9 @@ impl Files for DiskFiles {
         if self.saves {
             let path = self.directory.join(path);
             let bytes = write_polymesh(&path, mesh).map_err(|e| e.to_string())?;
-            self.saved.borrow_mut().push((path, bytes));
+            if let Ok(mut saved) = self.saved.lock() {
+                saved.push((path, bytes));
+            }
         }
         Ok(())
     }
