@@ -36,6 +36,7 @@ mod corners;
 mod exact;
 mod fill;
 mod near;
+mod pair;
 mod patch;
 mod path;
 mod scale;
