@@ -24,8 +24,8 @@ use std::time::Instant;
 mod cells;
 mod error;
 mod estimate;
-mod fit_options;
 mod filling;
+mod fit_options;
 mod group;
 mod inputs;
 mod memory;
@@ -47,9 +47,9 @@ pub use cells::{levelled, make_cell, one_element, read_source};
 pub use error::RunError;
 pub use estimate::Estimate;
 pub use fit_options::fit_options;
+pub use group::{group_fault, read_group};
 pub use plot::{Curve, Plot, plot};
 pub use probe::{Probe, Probed};
-pub use group::{group_fault, read_group};
 pub use report::{
     BandReport, ContinuityReport, FaceReport, Input, OutputFile, Report, ScaffoldReport,
     SeamReport, SolidReport, Stage, Warning,

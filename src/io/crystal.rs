@@ -2,8 +2,8 @@
 
 use super::{Place, ReadError, Source, read_polymesh, write_polymesh};
 use crate::polymesh::{Files, LoadOptions, Loaded, Note, PolyMesh, Script, ScriptError, Workshop};
-use std::sync::Mutex;
 use std::path::{Path, PathBuf};
+use std::sync::Mutex;
 
 /// Files of a script, relative to a directory; what it saves is noted, or left out.
 pub struct DiskFiles {
@@ -29,7 +29,9 @@ impl DiskFiles {
 
     /// What was saved, with its size in bytes.
     pub fn saved(&self) -> Vec<(PathBuf, u64)> {
-        self.saved.lock().map_or_else(|e| e.into_inner().clone(), |s| s.clone())
+        self.saved
+            .lock()
+            .map_or_else(|e| e.into_inner().clone(), |s| s.clone())
     }
 }
 

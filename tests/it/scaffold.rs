@@ -8,8 +8,8 @@ mod files;
 mod generated;
 mod readers;
 
-use centres::centres;
 use crate::strategy::{Noise, cell_point, element_nodes, mesh, renumberings};
+use centres::centres;
 use druse::frame::{Aabb, CellPoint, Element, Mat3, Vec3, WorldPoint};
 use druse::mesh::TriMesh;
 use druse::scaffold::{Connectivity, ElementMap, Kind, Neighbour, Orientation, Scaffold, Surface};

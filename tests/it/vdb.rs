@@ -16,8 +16,8 @@ mod files;
 mod operations;
 mod pictures;
 mod pieces;
-mod stopping;
 mod shapes;
+mod stopping;
 mod tools;
 
 static THREADS: LazyLock<Threads> = LazyLock::new(|| Threads::new(2).expect("two threads"));

@@ -216,6 +216,9 @@ fn cells_get_groups_from_files_and_planar_ones_are_evaluated_in_the_plane() {
         65,
         &["x,y,z"],
     );
+}
+
+#[test]
 fn fit_grows_and_erodes_its_input_by_another_cell() {
     let place = Place::new();
     let ball = |radius: &str| format!("sqrt(x^2 + y^2 + z^2) - {radius}");
@@ -226,11 +229,17 @@ fn fit_grows_and_erodes_its_input_by_another_cell() {
         assert!(output.status.success(), "{}", text(&output.stderr));
     };
     fit(&ball("0.1"), &["-o", "small.cell"]);
-    for (flag, radius) in [("--minkowski-sum", 0.35f64), ("--minkowski-difference", 0.15)] {
+    for (flag, radius) in [
+        ("--minkowski-sum", 0.35f64),
+        ("--minkowski-difference", 0.15),
+    ] {
         fit(&ball("0.25"), &[flag, "small.cell", "-o", "x.cell"]);
         let facts = json(&place.run(&["cell", "info", "x.cell", "--json"]));
         let fraction = facts["volume_fraction"].as_f64().unwrap();
         let exact = 4.0 / 3.0 * std::f64::consts::PI * radius.powi(3);
-        assert!((fraction / exact - 1.0).abs() < 0.15, "{flag}: {fraction} {exact}");
+        assert!(
+            (fraction / exact - 1.0).abs() < 0.15,
+            "{flag}: {fraction} {exact}"
+        );
     }
 }

@@ -6,7 +6,7 @@ use druse::frame::{Aabb, Vec3, WorldPoint};
 use druse::vdb::{LevelSet, Scheme, Session, VdbError};
 use std::f64::consts::PI;
 
-type Op = fn(&mut LevelSet, Session<'_>) -> Result<(), VdbError>;
+pub(super) type Op = fn(&mut LevelSet, Session<'_>) -> Result<(), VdbError>;
 
 #[test]
 fn dilate_grows_and_erode_shrinks_by_a_distance() {

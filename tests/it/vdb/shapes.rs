@@ -2,7 +2,7 @@
 
 use super::*;
 use druse::field::{Capsule, HalfSpace};
-use druse::vdb::{Mask, Placement, Sampled, Volume, WallSide};
+use druse::vdb::{self, Mask, Placement, Sampled, Scheme, VdbWriter, Volume, WallSide};
 
 /// Largest error of the values as distances to a field, in voxels, where they are below `within`.
 fn distance_error(solid: &LevelSet, field: &WorldField, within: f64) -> f64 {

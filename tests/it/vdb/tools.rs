@@ -2,7 +2,9 @@
 //!
 //! `vdb_tool` has no Laplacian or curvature flow; all else that both offer is compared.
 
+use super::operations::Op;
 use super::*;
+use druse::vdb::{self, Scheme, VdbWriter};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
