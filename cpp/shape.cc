@@ -1,14 +1,12 @@
 // Operations that OpenVDB 10 has no tool for: bands of other widths, offsets that vary, masks, blended union, fillets.
 #include "impl.h"
 
-#include <openvdb/math/Stencils.h>
 #include <openvdb/tools/Composite.h>
 #include <openvdb/tools/Interpolation.h>
+#include <openvdb/tools/LevelSetFilter.h>
 #include <openvdb/tools/LevelSetRebuild.h>
 #include <openvdb/tools/LevelSetTracker.h>
 #include <openvdb/tools/Prune.h>
-
-#include <tbb/parallel_reduce.h>
 
 #include <algorithm>
 #include <cmath>
@@ -31,7 +29,9 @@ void prepare(Tracker& tracker, const Smoothing& how) {
 class Share {
  public:
   Share(const FloatGrid& grid, const Range& range)
-      : sampler_(grid.getConstAccessor(), grid.transform()), range_(range) {}
+      : access_(grid.getConstAccessor()), sampler_(access_, grid.transform()), range_(range) {}
+  Share(const Share&) = delete;  // the sampler points to the accessor
+  Share& operator=(const Share&) = delete;
 
   double operator()(const Vec3d& world) const {
     const double t = (sampler_.wsSample(world) - range_.low) / (range_.high - range_.low);
@@ -40,6 +40,7 @@ class Share {
   }
 
  private:
+  FloatGrid::ConstAccessor access_;
   tools::GridSampler<FloatGrid::ConstAccessor, tools::BoxSampler> sampler_;
   Range range_;
 };
@@ -53,6 +54,7 @@ void grid_resize(Grid& handle, int voxels, Smoothing how, const Host& host) {
     prepare(tracker, how);
     if (voxels > 0) tracker.dilate(voxels);
     if (voxels < 0) tracker.erode(-voxels);
+    tracker.prune();
   });
 }
 
@@ -130,55 +132,13 @@ void grid_fillet(Grid& handle, double radius, Smoothing how, const Host& host) {
   in_arena(host, [&] {
     const FloatGrid::Ptr before = grid.deepCopy();
     {
-      Tracker tracker(grid, &interrupter);
-      prepare(tracker, how);
-      const double h = grid.voxelSize()[0];
-      // Explicit steps of a flow by one curvature: h^2 / 2 is the limit of stability.
-      const double dt = 0.25 * h * h;
-      const int most = 40 + static_cast<int>(40.0 * radius * radius / (h * h));
-      for (int n = 0; n < most; ++n) {
-        auto& leaves = tracker.leafs();
-        leaves.rebuildAuxBuffers(1);
-        const auto step = [&](const tree::LeafManager<FloatTree>::LeafRange& range, double moved) {
-          math::CurvatureStencil<FloatGrid, false> stencil(grid);
-          for (auto leaf = range.begin(); leaf; ++leaf) {
-            float* out = leaf.buffer(1).data();
-            for (auto it = leaf->cbeginValueOn(); it; ++it) {
-              const float phi = *it;
-              out[it.pos()] = phi;
-              if (std::abs(phi) > 2.0 * h) continue;
-              stencil.moveTo(it);
-              float mean = 0, gauss = 0;
-              stencil.curvatures(mean, gauss);
-              const double least = mean - std::sqrt(std::max(0.0, double(mean) * mean - gauss));
-              // The grid cannot show curvatures beyond 1 / h.
-              const double speed = std::min(0.0, std::max(least, -1.0 / h) + 1.0 / radius);
-              out[it.pos()] = static_cast<float>(phi + dt * speed);
-              if (std::abs(phi) < h) moved = std::max(moved, -dt * speed);
-            }
-          }
-          return moved;
-        };
-        const double moved = tbb::parallel_reduce(leaves.leafRange(), 0.0, step,
-                                                  [](double a, double b) { return std::max(a, b); });
-        leaves.swapLeafBuffer(1);
-        leaves.removeAuxBuffers();
-        const bool done = moved < 2e-3 * h || n + 1 == most;
-        if (n % 4 == 3 || done) {
-          tracker.track();
-          // Tracking moves the surface a little everywhere: where the flow did not, it stays as it was.
-          tracker.leafs().foreach([&](Leaf& leaf, std::size_t) {
-            auto old = before->getConstAccessor();
-            for (auto it = leaf.beginValueOn(); it; ++it) {
-              const float value = old.getValue(it.getCoord());
-              if (value - *it < 0.03 * h) it.setValue(value);
-            }
-          });
-        }
-        if (done) break;
-      }
+      // A ball of the radius rolls around the outside: where it cannot reach is filled.
+      tools::LevelSetFilter<FloatGrid> ball(grid, &interrupter);
+      prepare(ball, how);
+      ball.offset(static_cast<float>(-radius));
+      ball.offset(static_cast<float>(radius));
     }
-    // A fillet only adds.
+    // A fillet only adds: what tracking took elsewhere comes back.
     tools::csgUnion(grid, *before);
   });
 }

@@ -38,7 +38,7 @@ pub(super) struct Parameters {
     /// Unit of an OpenVDB file's lengths [default: what the file says, else m].
     #[arg(long)]
     unit: Option<LengthUnit>,
-    /// Override a key of the recipe, as in band.voxel_size=0.2.
+    /// Override a key of the recipe, as in `band.voxel_size=0.2`.
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
     /// Worker threads [default: one per core].
@@ -91,11 +91,13 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
     let to_mm = recipe.unit().to(LengthUnit::Millimetre);
     let mut bytes = 0;
     let sliced = if format == Format::Png {
-        std::fs::create_dir_all(&p.output).map_err(|e| crate::io::WriteError::Create {
-            path: p.output.clone(),
-            reason: e.to_string(),
-        })?;
         slice(&recipe, &options, &how, session, |s, n, layer| {
+            if n == 0 {
+                std::fs::create_dir_all(&p.output).map_err(|e| crate::io::WriteError::Create {
+                    path: p.output.clone(),
+                    reason: e.to_string(),
+                })?;
+            }
             let per_metre = 1000.0 / (s.plan.pixel * to_mm);
             let png = grey_png(&s.plan, layer, per_metre)
                 .map_err(|e| RunError::Empty(format!("encoding a picture: {e}")))?;

@@ -247,7 +247,7 @@ fn cost(op: &Op, scale: Scale) -> (f64, f64) {
         Op::Dilate(d) | Op::Erode(d) => (1.0, 200.0 * steps(&d.distance)),
         Op::Open(d) | Op::Close(d) => (1.0, 400.0 * steps(&d.distance)),
         Op::Hollow(h) => (2.0, 200.0 * steps(&h.thickness)),
-        Op::Fillet(f) => (2.0, 100.0 * voxels(&f.radius).powi(2).max(10.0)),
+        Op::Fillet(f) => (2.0, 400.0 * steps(&f.radius)),
         Op::Resample(_) => (2.0, 2000.0),
         Op::Trim(_) | Op::Prune(_) => (0.2, 20.0),
         Op::Fog(_) => (1.0, 20.0),

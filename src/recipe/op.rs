@@ -32,9 +32,9 @@ pub enum Op {
     Close(Brief<Move>),
     /// Keep only a wall along the surface.
     Hollow(Brief<Hollow>),
-    /// Fill concave edges to a radius.
+    /// Fill concave edges to a radius, and gaps narrower than twice it.
     Fillet(Brief<Fillet>),
-    /// Gaussian smoothing of the level set.
+    /// Gaussian smoothing of the level set; a width of 1 erases walls of 2 voxels.
     Gaussian(Brief<Kernel>),
     /// Box-mean smoothing of the level set.
     Mean(Brief<Kernel>),

@@ -177,9 +177,9 @@ impl LevelSet {
         self.resize(-i64::from(wider), session)
     }
 
-    /// Fills concave edges until nowhere the surface is hollow with a radius below `radius` (world
-    /// units): a flow by the least principal curvature k, as long as k < -1 / radius. Nothing is
-    /// taken away. Takes time in proportion to (radius / voxel size)^2.
+    /// Fills concave edges to a `radius` (world units): whatever a ball of that radius, rolled around
+    /// the outside, cannot reach becomes solid; so do gaps narrower than twice the radius. Nothing is
+    /// taken away. Takes time in proportion to radius / voxel size.
     ///
     /// # Errors
     /// [`VdbError::Parameter`] unless the radius is positive and finite; [`VdbError::Cancelled`], or
@@ -255,7 +255,7 @@ impl LevelSet {
     /// # Errors
     /// Only what OpenVDB itself refuses.
     pub fn prune(&mut self, session: Session<'_>) -> Result<(), VdbError> {
-        self.change("prune", session, |grid, host| ffi::grid_prune(grid, host))
+        self.change("prune", session, ffi::grid_prune)
     }
 }
 
