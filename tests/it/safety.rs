@@ -218,7 +218,7 @@ fn random_lattices_have_closed_manifold_meshes() {
         };
         run(&Recipe::parse(&recipe, &[]).unwrap(), &options, &Silent)
             .unwrap_or_else(|e| panic!("lattice {n}: {e}\n{recipe}"));
-        let mesh = druse::io::read_mesh(&place.path().join("m.ply")).unwrap();
+        let mesh = druse::io::read_mesh(place.path().join("m.ply")).unwrap();
         let report = check(&mesh.mesh);
         for (word, answer) in report.words() {
             if word.contains("intersect") {

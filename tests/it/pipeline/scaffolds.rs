@@ -4,6 +4,7 @@ use super::recipe;
 use druse::pipeline::{Probe, Report, RunError, RunOptions, run};
 use druse::progress::Silent;
 use std::f64::consts::PI;
+use std::fmt::Write as _;
 
 fn report(text: &str) -> Report {
     run(&recipe(text), &RunOptions::default(), &Silent).unwrap()
@@ -221,7 +222,7 @@ fn fields_of_files_set_weights() {
     let mut text = String::from("x,y,z,w\n");
     for i in 0..=6 {
         for (y, z) in [(0, 0), (2, 0), (0, 2), (2, 2)] {
-            text += &format!("{i},{y},{z},{}\n", f64::from(i) / 6.0);
+            writeln!(text, "{i},{y},{z},{}", f64::from(i) / 6.0).unwrap();
         }
     }
     std::fs::write(&csv, text).unwrap();

@@ -4,6 +4,7 @@ use super::{data, indices, json};
 use druse::io::{Place, ReadError, read_mesh, read_polymesh, write_polymesh};
 use druse::polymesh::{GroupBy, LoadOptions, Loaded, PolyMesh, seed};
 use proptest::prelude::*;
+use std::fmt::Write as _;
 use std::fs;
 use std::path::Path;
 
@@ -186,7 +187,7 @@ fn welding_closes_and_flipping_turns() {
     for f in 0..6 {
         for (k, p) in cube.points(f).iter().enumerate() {
             let off = 1e-4 * (f as f64 - k as f64) / 6.0;
-            text += &format!("v {} {} {}\n", p.x + off, p.y - off, p.z);
+            writeln!(text, "v {} {} {}", p.x + off, p.y - off, p.z).unwrap();
         }
         text += "f -1 -2 -3 -4\n";
     }

@@ -61,12 +61,11 @@ const RECIPES: &[(&str, &str)] = &[
 
 fn recipe(name: &str) -> PolyMesh {
     let whole = RECIPES.iter().find(|r| r.0 == name);
-    let (text, k) = match whole {
-        Some(row) => (row.1, ""),
-        None => {
-            let (stem, k) = name.rsplit_once('_').unwrap();
-            (RECIPES.iter().find(|r| r.0 == stem).unwrap().1, k)
-        }
+    let (text, k) = if let Some(row) = whole {
+        (row.1, "")
+    } else {
+        let (stem, k) = name.rsplit_once('_').unwrap();
+        (RECIPES.iter().find(|r| r.0 == stem).unwrap().1, k)
     };
     made(&text.replace("{k}", k))
 }
@@ -225,7 +224,9 @@ fn parameters_loops_and_until() {
     assert_eq!(script.parameters(), ["n", "h"]);
     let faces = |set: &[(&str, &str)], until| {
         let mut workshop = Workshop::new(&NoFiles);
-        set.iter().for_each(|(k, v)| workshop.set(k, v).unwrap());
+        for (k, v) in set {
+            workshop.set(k, v).unwrap();
+        }
         script.run(&mut workshop, until).unwrap();
         workshop.mesh().map_or(0, PolyMesh::face_count)
     };

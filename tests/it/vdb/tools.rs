@@ -96,6 +96,9 @@ fn only_name(path: &Path) -> String {
     vdb::info(path).unwrap().grids[0].name.clone()
 }
 
+/// Combines a level set with another one.
+type Join = fn(&mut LevelSet, LevelSet);
+
 #[test]
 fn boolean_operations_and_meshes_are_those_of_vdb_tool() {
     let Some(_) = tool() else { return };
@@ -104,7 +107,7 @@ fn boolean_operations_and_meshes_are_those_of_vdb_tool() {
     write(&path("a.vdb"), &part());
     let other = sphere_at(Vec3::new(-3.0, -2.0, -3.0), 4.0, 0.5);
     write(&path("b.vdb"), &other);
-    let cases: [(&str, fn(&mut LevelSet, LevelSet)); 3] = [
+    let cases: [(&str, Join); 3] = [
         ("-union", |a, b| a.union(b, session()).unwrap()),
         ("-intersection", |a, b| a.intersect(b, session()).unwrap()),
         ("-difference", |a, b| a.subtract(b, session()).unwrap()),
@@ -137,7 +140,7 @@ fn boolean_operations_and_meshes_are_those_of_vdb_tool() {
         .output()
         .unwrap();
     assert!(call.status.success());
-    let theirs = druse::io::read_mesh(&path("out.ply")).unwrap().mesh;
+    let theirs = druse::io::read_mesh(path("out.ply")).unwrap().mesh;
     let ours = part().to_mesh(session()).unwrap();
     assert_eq!(ours.vertices().len(), theirs.vertices().len());
     // Its triangles are wound inward; the volumes are those of the same quadrilaterals, cut otherwise.
