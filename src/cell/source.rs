@@ -108,11 +108,12 @@ impl Source {
         };
         let bounds = map.bounds(bounds);
         let inside = bounds.intersection(Aabb::of(element.vertices()));
-        let volume = |b: Aabb| {
+        // Of planar elements the area: their sources are flat.
+        let extent = |b: Aabb| {
             if b.is_empty() {
                 0.0
             } else {
-                b.size().product()
+                b.size().as_slice()[..element.dimension()].iter().product()
             }
         };
         Ok(Self {
@@ -124,7 +125,7 @@ impl Source {
                 kind,
                 box_min: bounds.min.into(),
                 box_max: bounds.max.into(),
-                share_inside: (volume(inside) / volume(bounds)).clamp(0.0, 1.0),
+                share_inside: share(extent(inside), extent(bounds)),
                 ..SourceReport::default()
             },
             warnings,
@@ -275,5 +276,14 @@ impl Source {
     /// What was odd about it, one sentence each, in lower case.
     pub fn warnings(&self) -> &[String] {
         &self.warnings
+    }
+}
+
+/// The part of the whole, from 0 to 1; none of nothing.
+fn share(part: f64, whole: f64) -> f64 {
+    if whole > 0.0 {
+        (part / whole).clamp(0.0, 1.0)
+    } else {
+        0.0
     }
 }

@@ -20,6 +20,8 @@ use std::sync::mpsc;
 use std::time::Duration;
 
 mod damage;
+#[cfg(all(feature = "vdb", feature = "cli"))]
+mod level_sets;
 
 use damage::{Dice, damage};
 
@@ -172,65 +174,6 @@ fn recipes() -> Vec<Vec<u8>> {
         .to_vec()
 }
 
-/// Level sets of a ball, in every compression, and one with its fog.
-#[cfg(all(feature = "vdb", feature = "cli"))]
-fn level_sets() -> Vec<Vec<u8>> {
-    use druse::frame::Transform;
-    use druse::progress::{Silent, Threads};
-    use druse::vdb::{Compression, LevelSet, Session, VdbWriter};
-    let threads = Threads::new(1).unwrap();
-    let session = Session::new(&threads, &Silent);
-    let ball = TriMesh::ball(Vec3::new(0.1, 0.2, 0.3), 4.0, 3);
-    let solid = LevelSet::from_mesh(&ball, Transform::new(0.5).unwrap(), 3.0, session).unwrap();
-    let fog = solid.to_fog(session).unwrap();
-    let directory = tempfile::tempdir().unwrap();
-    let path = directory.path().join("ball.vdb");
-    [
-        (Compression::None, false),
-        (Compression::Zip, true),
-        (Compression::Blosc, false),
-    ]
-    .map(|(compression, foggy)| {
-        let mut file = VdbWriter::new(&path, session)
-            .unwrap()
-            .compression(compression);
-        file.level_set("surface", &solid).unwrap();
-        if foggy {
-            file.fog("density", &fog, true).unwrap();
-        }
-        file.write().unwrap();
-        fs::read(&path).unwrap()
-    })
-    .to_vec()
-}
-
-/// What `druse info` and `druse check` make of it: whatever happens to the child that reads the file,
-/// the program answers.
-#[cfg(all(feature = "vdb", feature = "cli"))]
-fn level_set(path: &Path) -> Result<(), Refusal> {
-    for command in ["info", "check"] {
-        let output = Command::new(env!("CARGO_BIN_EXE_druse"))
-            .args([command, "--color=never"])
-            .arg(path)
-            .output()
-            .unwrap();
-        let text = String::from_utf8_lossy(&output.stderr).into_owned();
-        match output.status.code() {
-            Some(0) if text.is_empty() => {}
-            // Read, but no sound level set.
-            Some(1) if command == "check" && text.is_empty() => {}
-            code => {
-                let one = text.starts_with("error: ") && text.matches("error: ").count() == 1;
-                return Err(Refusal {
-                    clear: code == Some(65) && one && output.stdout.is_empty(),
-                    text: text.replace("\n  --> ", " --> "),
-                });
-            }
-        }
-    }
-    Ok(())
-}
-
 /// A hex and a wedge with sets, as Abaqus writes them.
 const DECK: &str = "*NODE\n1,0,0,0\n2,1,0,0\n3,1,1,0\n4,0,1,0\n5,0,0,1\n6,1,0,1\n7,1,1,1\n8,0,1,1\n\
 9,.5,0,2\n10,.5,1,2\n*ELEMENT,TYPE=C3D8,ELSET=LOW\n1,1,2,3,4,5,6,7,8\n\
@@ -330,7 +273,7 @@ fn formats() -> Vec<Format> {
     #[cfg(not(all(feature = "vdb", feature = "cli")))]
     let program = [];
     #[cfg(all(feature = "vdb", feature = "cli"))]
-    let program = [row("vdb", "vdb", level_sets(), level_set)];
+    let program = [row("vdb", "vdb", level_sets::seeds(), level_sets::read)];
     let library = [
         row("stl text", "stl", vec![text_stl()], mesh),
         row("stl binary", "stl", vec![written("stl")], mesh),

@@ -123,10 +123,9 @@ fn a_fillet_fills_the_corner_and_nothing_else() {
     solid.fillet(radius, session()).unwrap();
     let gained = volume(&solid) - before;
     let exact = (1.0 - PI / 4.0) * radius * radius * 8.0;
-    assert!(
-        (gained / exact - 1.0).abs() < 0.25,
-        "{gained} against {exact}"
-    );
+    // Elsewhere the rolling moves the surface, 392 in area, by less than a fiftieth of a voxel.
+    let moved = 0.02 * 0.25 * 392.0;
+    assert!((gained - exact).abs() < moved, "{gained} against {exact}");
     // A ball has no concave edge.
     let mut round = sphere(5.0, 0.25);
     let before = volume(&round);
