@@ -293,9 +293,18 @@ fn write(
                 voxel_size: f64::NAN,
             };
             let voxel = p.voxel_size.map_or(size / FINENESS, |l| l.resolve(scale));
+            let factor = unit.to(LengthUnit::Metre);
+            if voxel * factor < Transform::LEAST_VOXEL {
+                let message = format!(
+                    "a voxel of {:e} m; OpenVDB holds none under {:e}: expected larger voxels, or a larger \
+                     unit of the crystal, as in --unit cm",
+                    voxel * factor,
+                    Transform::LEAST_VOXEL
+                );
+                return Err(Failure::data(path, message));
+            }
             let solid = voxelized(mesh, path, voxel, tools)?;
             let staged = StagedPath::create(path)?;
-            let factor = unit.to(LengthUnit::Metre);
             let mut file = VdbWriter::new(path, tools)?.scaled(factor);
             file.level_set("surface", &solid)?;
             file.tag("druse.unit", LengthUnit::Metre.symbol())?;

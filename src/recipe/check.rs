@@ -4,9 +4,10 @@ use super::error::{RecipeError, nearest};
 use super::op::Op;
 use super::operand::Operand;
 use super::output::OutputKind;
-use super::quantity::{Length, Width};
+use super::quantity::{Length, Scale, Width};
 use super::source::Source;
 use super::{CellSection, FileRef, ScaffoldSection, Sections, Solid, TilingSection, VERSION};
+use crate::frame::{LengthUnit, Transform};
 use crate::polymesh::Script;
 
 /// Cells that one tiling may blend.
@@ -33,6 +34,7 @@ pub(super) fn check(sections: &Sections, source: &Source) -> Checked {
             "a voxel cannot be measured in voxels; expected a length",
         ));
     }
+    large_enough(sections, sections.unit.0, "band.voxel_size", source)?;
     for (n, op) in sections.op.iter().enumerate() {
         operation(op, &format!("op.{n}"), source)?;
         if *op == Op::Fog(true) && n + 1 < sections.op.len() {
@@ -377,6 +379,14 @@ fn outputs(sections: &Sections, source: &Source) -> Checked {
         if seen.contains(&path) {
             return Err(source.fault(&key, format!("two outputs are named {}", path.display())));
         }
+        if kind == OutputKind::Vdb {
+            large_enough(
+                sections,
+                output.unit_or_default(sections.unit.0),
+                &key,
+                source,
+            )?;
+        }
         seen.push(path);
         let extension = path
             .extension()
@@ -430,6 +440,27 @@ fn outputs(sections: &Sections, source: &Source) -> Checked {
         }
     }
     Ok(())
+}
+
+/// Whether OpenVDB can hold the recipe's voxels in this unit.
+fn large_enough(sections: &Sections, unit: LengthUnit, key: &str, source: &Source) -> Checked {
+    let own = sections.unit.0;
+    let scale = Scale {
+        unit: own,
+        voxel_size: f64::NAN,
+    };
+    let voxel = sections.band.voxel_size.resolve(scale) * own.to(unit);
+    // What is no size at all is refused elsewhere.
+    if voxel >= Transform::LEAST_VOXEL || voxel.is_nan() {
+        return Ok(());
+    }
+    let found = format!(
+        "a voxel of {voxel:e} {unit}; OpenVDB holds none under {:e}",
+        Transform::LEAST_VOXEL
+    );
+    Err(source
+        .fault(key, found)
+        .hint("write a smaller unit, as in unit = \"mm\" beside the output and for the recipe"))
 }
 
 fn list<S: AsRef<str>>(words: &[S]) -> String {

@@ -221,10 +221,11 @@ fn bad_recipes_are_refused_before_anything_is_written() {
         ("0.4", "nan", &["band.voxel_size", "r.toml:3"]),
         ("radius = 5", "radius = -5", &["positive", "r.toml:5"]),
         (
-            "0.4",
-            "1e-7",
+            "radius = 5",
+            "radius = 5e4",
             &["memory", "voxel size", "would fit", "--set"],
         ),
+        ("0.4", "1e-7", &["OpenVDB holds none", "r.toml:3"]),
         ("druse = 1", "druse = 7", &["version 7"]),
         ("[band]", "[band", &["r.toml:2"]),
     ];

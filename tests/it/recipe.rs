@@ -367,3 +367,14 @@ fn shipped_recipes_are_valid() {
     }
     assert!(count >= 2);
 }
+
+#[test]
+fn voxels_that_openvdb_takes_for_nothing_are_refused() {
+    let output = |unit: &str| format!("[[output]]\nvdb = \"a.vdb\"{unit}\n");
+    let fine = SPHERE.replace("voxel_size = 0.2", "voxel_size = 0.005");
+    let e = refuse(&(fine.clone() + &output("")));
+    assert!(e.message.contains("5e-6 m") && line_of(&e) == 7, "{e:?}");
+    assert!(parse(&(fine + &output("\nunit = \"mm\""))).is_ok());
+    let e = refuse(&SPHERE.replace("voxel_size = 0.2", "voxel_size = 5e-6"));
+    assert!(e.message.contains("5e-6 mm") && line_of(&e) == 4, "{e:?}");
+}

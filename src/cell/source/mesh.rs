@@ -3,7 +3,7 @@
 use super::{Source, SourceKind};
 use crate::cell::fit::{FitError, Placement, SourceReport};
 use crate::frame::{CellPoint, Element, Vec3};
-use crate::mesh::{MeshSolid, TriMesh};
+use crate::mesh::{MeshSolid, TriMesh, check};
 
 /// What becomes of triangles that lie in a face plane of the element.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -18,6 +18,8 @@ pub enum Caps {
 
 /// A triangle is a cap if its corners lie this close to a face plane, in reference units.
 const CAP_TOLERANCE: f64 = 1e-6;
+/// Most triangles that are searched for others they meet.
+const MOST_CROSSED: usize = 1_000_000;
 /// Samples are drawn towards the centroid by this share, so that none lies in a cap, where inside
 /// and outside meet.
 const PULL: f64 = 1e-5;
@@ -36,10 +38,25 @@ fn find_caps(element: Element, mesh: &TriMesh) -> Vec<bool> {
         .collect()
 }
 
+/// What to say of a mesh whose triangles meet where they should not.
+fn crossings(mesh: &TriMesh) -> Option<String> {
+    if mesh.triangles().len() > MOST_CROSSED {
+        return None;
+    }
+    let found = check(mesh).self_intersections?;
+    let at = found.places.first()?.at;
+    Some(format!(
+        "{} pairs of triangles meet, the first around ({:.4}, {:.4}, {:.4}); the winding number unites what \
+         they bound, and the fit's distances end at walls inside of it: unite the parts for an exact fit",
+        found.count, at.x, at.y, at.z
+    ))
+}
+
 impl Source {
-    /// A triangle mesh. Inside is where the winding number exceeds 1/2, so that holes,
-    /// self-intersections and loose triangles do no harm; triangles that wind inward are turned, and
-    /// every such repair is a warning.
+    /// A triangle mesh. Inside is where the winding number exceeds 1/2, so that holes, loose
+    /// triangles and self-intersections leave a solid; triangles that wind inward are turned. Every
+    /// such repair is a warning, and so are triangles that meet others: those buried in the solid
+    /// still count for the distance.
     ///
     /// # Errors
     /// [`FitError::Placement`]; [`FitError::Mesh`] for one without triangles or that bounds no solid.
@@ -53,10 +70,11 @@ impl Source {
             return Err(FitError::Mesh("no triangles".to_owned()));
         }
         let placed = placement.affine(element, mesh.bounds())?.mesh(mesh);
-        let (repaired, warnings) =
+        let (repaired, mut warnings) =
             MeshSolid::repaired(placed).map_err(|e| FitError::Mesh(e.to_string()))?;
         let placed = repaired.mesh().clone();
         drop(repaired);
+        warnings.extend(crossings(&placed));
         let is_cap = match caps {
             Caps::Exclude => find_caps(element, &placed),
             Caps::Keep => vec![false; placed.triangles().len()],

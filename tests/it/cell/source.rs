@@ -5,7 +5,7 @@ use druse::cell::{
     Voxels, default_group, fit_source, graphs, lattices, plate_sets, symmetry,
 };
 use druse::field::{Field, Formula};
-use druse::frame::{CellPoint, Element, Vec3};
+use druse::frame::{Aabb, CellPoint, Element, Vec3};
 use druse::mesh::{CloudError, CloudSolid, TriMesh};
 use druse::progress::Silent;
 use druse::symmetry::{Lattice, PointGroup};
@@ -322,6 +322,30 @@ fn a_band_limited_formula_is_found_again() {
     for p in points(Element::Hex, 50) {
         let off = cell.form().value(CellPoint(p)) - exact.form().value(CellPoint(p));
         assert!(off.abs() < 1e-8, "{off}");
+    }
+}
+
+#[test]
+fn triangles_that_meet_are_a_warning_with_their_place() {
+    let bar = |long: usize| {
+        let half = Vec3::from_fn(|a, _| if a == long { 0.3 } else { 0.1 });
+        TriMesh::cuboid(&Aabb {
+            min: -half,
+            max: half,
+        })
+    };
+    let alone = Source::mesh(Element::Hex, &bar(0), &HERE, Caps::Exclude).unwrap();
+    assert!(alone.warnings().is_empty());
+    let mut both = bar(0);
+    both.append(&bar(1)).unwrap();
+    let source = Source::mesh(Element::Hex, &both, &HERE, Caps::Exclude).unwrap();
+    let text = &source.warnings()[0];
+    assert!(text.contains("pairs of triangles meet"), "{text}");
+    // The union is solid, its middle included.
+    for p in points(Element::Hex, 200) {
+        let inside = |long: usize| (0..3).all(|a| p[a].abs() < if a == long { 0.3 } else { 0.1 });
+        let value = source.value(CellPoint(p));
+        assert_eq!(value < 0.0, inside(0) || inside(1), "{p:?} {value}");
     }
 }
 
