@@ -92,7 +92,8 @@ class FileIn {
   explicit FileIn(std::unique_ptr<Impl>);
   ~FileIn();
   std::uint32_t version() const;
-  rust::String library() const;
+  // The version of OpenVDB that wrote the file.
+  rust::String writer() const;
   rust::Vec<MetaEntry> metadata() const;
   rust::Vec<rust::String> names() const;
   std::unique_ptr<Impl> impl;

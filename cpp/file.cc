@@ -133,7 +133,7 @@ std::unique_ptr<FileIn> file_open(rust::Slice<const std::uint8_t> path) {
 }
 
 std::uint32_t FileIn::version() const { return impl->file.fileVersion(); }
-rust::String FileIn::library() const { return rust::String::lossy(impl->file.version()); }
+rust::String FileIn::writer() const { return rust::String::lossy(impl->file.version()); }
 rust::Vec<MetaEntry> FileIn::metadata() const { return entries(*impl->file.getMetadata()); }
 
 rust::Vec<rust::String> FileIn::names() const {

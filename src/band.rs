@@ -14,7 +14,7 @@
 //! - Nothing depends on the number of threads or on the order in which blocks are finished.
 //!
 //! ```
-//! use druse::band::{self, Statistics};
+//! use druse::band::{Band, Statistics};
 //! use druse::field::Sphere;
 //! use druse::frame::{Aabb, Transform, Vec3};
 //! use druse::progress::{Silent, Threads};
@@ -24,14 +24,16 @@
 //! let sink = Statistics::default();
 //! let h = Transform::new(1.0).unwrap();
 //! let threads = Threads::new(1).unwrap();
-//! let stats = band::evaluate(&ball, h, 3.0, &extent, &threads, &Silent, &sink).unwrap();
+//! let band = Band { field: &ball, transform: h, half_width: 3.0, extent };
+//! let stats = band.evaluate(&threads, &Silent, &sink).unwrap();
 //! // A shell of 6 voxels around the sphere: 4 pi (r^2 + w^2 / 3) 2 w.
 //! let shell = 4.0 * std::f64::consts::PI * (100.0 + 3.0) * 6.0;
 //! assert!((stats.active_voxels as f64 / shell - 1.0).abs() < 0.02);
 //! assert_eq!(stats.active_voxels, sink.totals().active_voxels);
 //! ```
 
-use crate::frame::{Aabb, Coord, WorldPoint};
+use crate::field::WorldField;
+use crate::frame::{Aabb, Coord, Transform, WorldPoint};
 use crate::progress::Cancelled;
 
 mod activate;
@@ -41,10 +43,26 @@ mod evaluate;
 mod leaf;
 mod sinks;
 
-pub use estimate::{Estimate, Sampling, estimate};
-pub use evaluate::evaluate;
+pub use estimate::{Estimate, Sampling};
 pub use leaf::{BLOCK, LEAF, LeafBatch, LeafSink, SinkError, VOXELS};
 pub use sinks::{Leaf, LeafMap, Statistics, Totals};
+
+/// What is sampled: a field, on which voxels, how far from its zero set, and where.
+///
+/// The field must return signed distances in world units where they are smaller than the half width,
+/// elsewhere only the right sign and at least the half width.
+#[derive(Clone, Copy)]
+pub struct Band<'a> {
+    /// The field.
+    pub field: &'a WorldField<'a>,
+    /// The voxels.
+    pub transform: Transform,
+    /// Half width in voxels, at least 1.
+    pub half_width: f64,
+    /// World units. Visited are the voxels within the half width and one voxel of it, rounded outwards
+    /// to leaves; what the field is beyond does not show.
+    pub extent: Aabb,
+}
 
 /// What an evaluation visited and kept.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

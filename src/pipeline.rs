@@ -51,8 +51,8 @@ pub use group::{group_fault, read_group};
 pub use plot::{Curve, Plot, plot};
 pub use probe::{Probe, Probed};
 pub use report::{
-    BandReport, ContinuityReport, FaceReport, Input, OutputFile, Report, ScaffoldReport,
-    SeamReport, SolidReport, Stage, Warning,
+    BandReport, ContinuityReport, Input, OutputFile, Report, ScaffoldReport, SolidReport, Stage,
+    Warning,
 };
 pub use source::{CellFault, enter_source};
 
@@ -115,12 +115,7 @@ pub fn run(
     estimate::check_memory(&stock, &threads, options.memory, progress)?;
     clock.lap("estimate")?;
 
-    let mut bench = Bench {
-        threads: &threads,
-        progress,
-        scale: recipe.scale(),
-        half_width: sections.band.half_width.0,
-    };
+    let mut bench = Bench::new(recipe, &threads, progress);
     let first = stock.pointwise();
     let (mut solid, stats) = match stock.volumes.take_start() {
         Some(start) => (start, BandStats::default()),

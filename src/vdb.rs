@@ -17,7 +17,7 @@
 //! here that takes this crate's types and alone knows signs and winding; a test of its law.
 //!
 //! ```
-//! use druse::band::evaluate;
+//! use druse::band::Band;
 //! use druse::field::Sphere;
 //! use druse::frame::{Aabb, Transform, Vec3};
 //! use druse::progress::{Silent, Threads};
@@ -28,7 +28,8 @@
 //! let (voxel, threads) = (Transform::new(0.5).unwrap(), Threads::new(2).unwrap());
 //! let session = Session::new(&threads, &Silent);
 //! let builder = LevelSetBuilder::new(voxel, 3.0).unwrap();
-//! evaluate(&ball, voxel, 3.0, &extent, &threads, &Silent, &builder).unwrap();
+//! let band = Band { field: &ball, transform: voxel, half_width: 3.0, extent };
+//! band.evaluate(&threads, &Silent, &builder).unwrap();
 //! let mut solid = builder.finish(session).unwrap();
 //! solid.dilate(1.0, session).unwrap();
 //! let exact = 4.0 / 3.0 * std::f64::consts::PI * 11f64.powi(3);

@@ -1,6 +1,6 @@
 //! Which blocks and leaves can meet the band: halving of aligned cubes by the field's bound.
 
-use super::{BLOCK, BandError, LEAF};
+use super::{BLOCK, Band, BandError, LEAF};
 use crate::field::WorldField;
 use crate::frame::{Aabb, Coord, Transform};
 
@@ -18,7 +18,7 @@ enum Side {
     Unknown,
 }
 
-/// Culls for one field, voxel size, half width and extent.
+/// Culls for one band.
 pub(super) struct Culler<'a> {
     pub field: &'a WorldField<'a>,
     pub transform: Transform,
@@ -29,13 +29,14 @@ pub(super) struct Culler<'a> {
 }
 
 impl<'a> Culler<'a> {
-    /// A culler over the voxels within `half_width + 1` voxels of the extent.
-    pub fn new(
-        field: &'a WorldField<'a>,
-        transform: Transform,
-        half_width: f64,
-        extent: &Aabb,
-    ) -> Result<Self, BandError> {
+    /// A culler over the voxels within the half width and one voxel of the extent.
+    pub fn new(band: &Band<'a>) -> Result<Self, BandError> {
+        let Band {
+            field,
+            transform,
+            half_width,
+            extent,
+        } = *band;
         if !(half_width.is_finite() && half_width >= 1.0) {
             return Err(BandError::HalfWidth(half_width));
         }
@@ -46,7 +47,7 @@ impl<'a> Culler<'a> {
             (0..3).all(|a| low[a] <= high[a] && low[a].abs().max(high[a].abs()) < LARGEST_INDEX);
         if !usable || extent.is_empty() {
             return Err(BandError::Extent {
-                extent: *extent,
+                extent,
                 voxel_size: h,
             });
         }

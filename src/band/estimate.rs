@@ -4,9 +4,8 @@ use super::activate::{Neighbourhood, bits, negative_bits};
 use super::cull::Culler;
 use super::evaluate::leaf_values;
 use super::leaf::count;
-use super::{BLOCK, BandError, VOXELS};
-use crate::field::WorldField;
-use crate::frame::{Aabb, Coord, Transform};
+use super::{BLOCK, Band, BandError, VOXELS};
+use crate::frame::Coord;
 use crate::progress::{Cancelled, Progress, Threads};
 use rayon::prelude::*;
 
@@ -49,64 +48,63 @@ pub struct Estimate {
     pub seconds_per_leaf: f64,
 }
 
-/// Predicts what [`evaluate`](super::evaluate) will find, from culling all leaves and evaluating a
-/// stratified sample: the leaves in order of block and origin are cut into runs of equal length, and
-/// one leaf is drawn from each.
-///
-/// # Errors
-/// As [`evaluate`](super::evaluate); a value that is not finite shows only if it is sampled.
-pub fn estimate(
-    field: &WorldField,
-    transform: Transform,
-    half_width: f64,
-    extent: &Aabb,
-    threads: &Threads,
-    progress: &dyn Progress,
-    sampling: Sampling,
-) -> Result<Estimate, BandError> {
-    let culler = Culler::new(field, transform, half_width, extent)?;
-    threads.install(|| {
-        let blocks = culler.blocks();
-        progress.stage("estimate", Some(blocks.len() as u64));
-        let leaves: Vec<Vec<Coord>> = blocks
-            .par_iter()
-            .map(|&block| {
-                if progress.cancelled() {
-                    return Err(Cancelled);
-                }
-                progress.advance(1);
-                Ok(culler.leaves(block, BLOCK))
+impl Band<'_> {
+    /// Predicts what [`Band::evaluate`] will find, from culling all leaves and evaluating a stratified
+    /// sample: the leaves in order of block and origin are cut into runs of equal length, and one leaf
+    /// is drawn from each.
+    ///
+    /// # Errors
+    /// As [`Band::evaluate`]; a value that is not finite shows only if it is sampled.
+    pub fn estimate(
+        &self,
+        threads: &Threads,
+        progress: &dyn Progress,
+        sampling: Sampling,
+    ) -> Result<Estimate, BandError> {
+        let culler = Culler::new(self)?;
+        threads.install(|| {
+            let blocks = culler.blocks();
+            progress.stage("estimate", Some(blocks.len() as u64));
+            let leaves: Vec<Vec<Coord>> = blocks
+                .par_iter()
+                .map(|&block| {
+                    if progress.cancelled() {
+                        return Err(Cancelled);
+                    }
+                    progress.advance(1);
+                    Ok(culler.leaves(block, BLOCK))
+                })
+                .collect::<Result<_, _>>()?;
+            let leaves: Vec<Coord> = leaves.into_iter().flatten().collect();
+            let drawn = draw(leaves.len(), sampling);
+            let measured: Vec<(u64, f64)> = drawn
+                .par_iter()
+                .map(|&n| {
+                    if progress.cancelled() {
+                        return Err(Cancelled.into());
+                    }
+                    let start = std::time::Instant::now();
+                    let active = active_voxels(&culler, leaves[n])?;
+                    Ok((active, start.elapsed().as_secs_f64()))
+                })
+                .collect::<Result<_, BandError>>()?;
+            let seconds: f64 = measured.iter().map(|m| m.1).sum();
+            let active = |m: &(u64, f64)| m.0 as f64;
+            let kept = |m: &(u64, f64)| f64::from(u8::from(m.0 > 0));
+            let (active_voxels, active_voxels_error) = total(&measured, leaves.len(), active);
+            let (leaves_kept, leaves_kept_error) = total(&measured, leaves.len(), kept);
+            Ok(Estimate {
+                blocks: blocks.len() as u64,
+                leaves_touched: leaves.len() as u64,
+                leaves_kept,
+                leaves_kept_error,
+                active_voxels,
+                active_voxels_error,
+                leaves_sampled: drawn.len() as u64,
+                seconds_per_leaf: seconds / (drawn.len().max(1) as f64),
             })
-            .collect::<Result<_, _>>()?;
-        let leaves: Vec<Coord> = leaves.into_iter().flatten().collect();
-        let drawn = draw(leaves.len(), sampling);
-        let measured: Vec<(u64, f64)> = drawn
-            .par_iter()
-            .map(|&n| {
-                if progress.cancelled() {
-                    return Err(Cancelled.into());
-                }
-                let start = std::time::Instant::now();
-                let active = active_voxels(&culler, leaves[n])?;
-                Ok((active, start.elapsed().as_secs_f64()))
-            })
-            .collect::<Result<_, BandError>>()?;
-        let seconds: f64 = measured.iter().map(|m| m.1).sum();
-        let active = |m: &(u64, f64)| m.0 as f64;
-        let kept = |m: &(u64, f64)| f64::from(u8::from(m.0 > 0));
-        let (active_voxels, active_voxels_error) = total(&measured, leaves.len(), active);
-        let (leaves_kept, leaves_kept_error) = total(&measured, leaves.len(), kept);
-        Ok(Estimate {
-            blocks: blocks.len() as u64,
-            leaves_touched: leaves.len() as u64,
-            leaves_kept,
-            leaves_kept_error,
-            active_voxels,
-            active_voxels_error,
-            leaves_sampled: drawn.len() as u64,
-            seconds_per_leaf: seconds / (drawn.len().max(1) as f64),
         })
-    })
+    }
 }
 
 /// Active voxels of a leaf by itself: changes of sign to its neighbours are not looked for.

@@ -3,9 +3,9 @@
 use super::activate::{Neighbourhood, SPAN, bits, negative_bits};
 use super::cull::Culler;
 use super::leaf::count;
-use super::{BLOCK, BandError, BandStats, LEAF, LeafBatch, LeafSink, VOXELS};
-use crate::field::{SampleLattice, WorldField};
-use crate::frame::{Aabb, Coord, Transform};
+use super::{BLOCK, Band, BandError, BandStats, LEAF, LeafBatch, LeafSink, VOXELS};
+use crate::field::SampleLattice;
+use crate::frame::{Aabb, Coord};
 use crate::progress::{Cancelled, Progress, Threads};
 use rayon::prelude::*;
 
@@ -18,40 +18,34 @@ const EDGE: i32 = BLOCK / LEAF;
 /// A leaf that was not evaluated, in a block's table.
 const ABSENT: u16 = u16::MAX;
 
-/// Evaluates the narrow band of a field and hands its leaves to a sink.
-///
-/// `half_width` is in voxels. Visited are the voxels within the half width and one voxel of `extent`
-/// (world units), rounded outwards to leaves; what the field is beyond does not show. The
-/// field must return signed distances in world units where they are smaller than the half width,
-/// elsewhere only the right sign and at least the half width.
-///
-/// # Errors
-/// A half width or extent out of range, a value that is not finite, cancelling, the sink's error.
-pub fn evaluate(
-    field: &WorldField,
-    transform: Transform,
-    half_width: f64,
-    extent: &Aabb,
-    threads: &Threads,
-    progress: &dyn Progress,
-    sink: &dyn LeafSink,
-) -> Result<BandStats, BandError> {
-    let culler = Culler::new(field, transform, half_width, extent)?;
-    threads.install(|| {
-        let blocks = culler.blocks();
-        progress.stage("band", Some(blocks.len() as u64));
-        blocks
-            .par_iter()
-            .map(|&origin| {
-                let stats = block(&culler, origin, progress, sink)?;
-                progress.advance(1);
-                Ok(stats)
-            })
-            .try_reduce(BandStats::default, |mut a, b| {
-                a += b;
-                Ok(a)
-            })
-    })
+impl Band<'_> {
+    /// Evaluates the band and hands its leaves to a sink.
+    ///
+    /// # Errors
+    /// A half width or extent out of range, a value that is not finite, cancelling, the sink's error.
+    pub fn evaluate(
+        &self,
+        threads: &Threads,
+        progress: &dyn Progress,
+        sink: &dyn LeafSink,
+    ) -> Result<BandStats, BandError> {
+        let culler = Culler::new(self)?;
+        threads.install(|| {
+            let blocks = culler.blocks();
+            progress.stage("band", Some(blocks.len() as u64));
+            blocks
+                .par_iter()
+                .map(|&origin| {
+                    let stats = block(&culler, origin, progress, sink)?;
+                    progress.advance(1);
+                    Ok(stats)
+                })
+                .try_reduce(BandStats::default, |mut a, b| {
+                    a += b;
+                    Ok(a)
+                })
+        })
+    }
 }
 
 /// One block: cull, evaluate, activate, deliver.

@@ -1,8 +1,7 @@
 //! `druse filter IN.vdb -o OUT OP...`.
 
-use super::workshop::{Draft, answer as told, extent, output_key, path_value};
+use super::workshop::{Draft, GridChoice, answer as told, extent, output_key, path_value};
 use super::{Answer, Failure, Session};
-use crate::frame::LengthUnit;
 use clap::Args;
 use std::path::PathBuf;
 use toml::Value;
@@ -18,15 +17,8 @@ pub(super) struct Parameters {
     /// The file to write: .vdb, or a mesh (.stl, .ply, .obj, .3mf).
     #[arg(short, long, value_name = "OUT")]
     output: PathBuf,
-    /// Name of the grid [default: "surface", the only level set, or the only grid of floats].
-    #[arg(long, value_name = "NAME")]
-    grid: Option<String>,
-    /// The value on the surface of a grid that is no level set [default: 0.5 for a fog volume].
-    #[arg(long, value_name = "NUMBER", allow_hyphen_values = true)]
-    value: Option<f64>,
-    /// Unit of the file's lengths [default: what the file says, else m].
-    #[arg(long)]
-    unit: Option<LengthUnit>,
+    #[command(flatten)]
+    choice: GridChoice,
     /// Worker threads [default: one per core].
     #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true)]
     threads: usize,
@@ -36,7 +28,7 @@ pub(super) struct Parameters {
 const FLAGS: [&str; 4] = ["keep_largest", "fill_voids", "prune", "fog"];
 
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
-    let (mut draft, unit) = Draft::of_file(&p.file, p.grid.as_deref(), p.value, p.unit)?;
+    let (mut draft, unit) = Draft::of_file(&p.file, &p.choice)?;
     for text in &p.operations {
         let (name, value) = operation(text)?;
         draft.operation(name, value);

@@ -114,7 +114,7 @@ fn vdb_screen(path: &Path, info: &FileInfo) -> String {
         "{}: OpenVDB, format {} ({}), {}\n",
         path.display(),
         info.version,
-        info.library,
+        info.writer,
         super::run::size(info.bytes)
     );
     for g in &info.grids {

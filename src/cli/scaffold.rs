@@ -1,7 +1,7 @@
 //! `druse scaffold info FILE` and `druse scaffold check FILE`.
 
 use super::{Answer, Failure, Session};
-use crate::io::{DataField, ElementFile, FieldAt, ScaffoldFile, SurfaceFile, read_elements};
+use crate::io::{DataField, ElementFile, FieldAt, Group, ScaffoldFile, SurfaceFile, read_elements};
 use crate::pipeline::{Probe, RunOptions};
 use crate::recipe::Recipe;
 use crate::scaffold::ScaffoldReport;
@@ -159,6 +159,16 @@ pub(super) fn describe(path: &Path) -> Result<(String, Value), Failure> {
     }
 }
 
+fn groups_of(groups: &[Group], text: &mut String) -> Vec<Value> {
+    let mut all = Vec::new();
+    for group in groups {
+        let count = group.elements.len();
+        let _ = writeln!(text, "group {:?}: {count} elements", group.name);
+        all.push(json!({ "name": group.name, "elements": count }));
+    }
+    all
+}
+
 fn fields_of(fields: &[DataField], text: &mut String) -> Vec<Value> {
     let mut all = Vec::new();
     for field in fields {
@@ -192,23 +202,11 @@ fn describe_surface(path: &Path, file: &SurfaceFile) -> (String, Value) {
         listed.join(", "),
         file.surface.nodes().len()
     );
-    for group in &file.groups {
-        let _ = writeln!(
-            text,
-            "group {:?}: {} elements",
-            group.name,
-            group.elements.len()
-        );
-    }
+    let groups = groups_of(&file.groups, &mut text);
     let fields = fields_of(&file.fields, &mut text);
     let kinds: serde_json::Map<String, Value> = kinds
         .iter()
         .map(|(k, n)| (k.name().to_owned(), json!(n)))
-        .collect();
-    let groups: Vec<Value> = file
-        .groups
-        .iter()
-        .map(|g| json!({ "name": g.name, "elements": g.elements.len() }))
         .collect();
     let facts = json!({
         "kind": "surface", "path": path.display().to_string(), "elements": kinds,
@@ -221,11 +219,6 @@ fn describe_surface(path: &Path, file: &SurfaceFile) -> (String, Value) {
 /// What a scaffold is, for people and for programs.
 fn describe_solids(path: &Path, file: &ScaffoldFile) -> (String, Value) {
     let report = file.scaffold.report();
-    let groups: Vec<Value> = file
-        .groups
-        .iter()
-        .map(|g| json!({ "name": g.name, "elements": g.elements.len() }))
-        .collect();
     let bad =
         |list: &[crate::scaffold::BadElement]| list.iter().map(|b| b.number).collect::<Vec<u64>>();
     let kinds: serde_json::Map<String, Value> = report
@@ -234,8 +227,9 @@ fn describe_solids(path: &Path, file: &ScaffoldFile) -> (String, Value) {
         .map(|(k, n)| (k.name().to_owned(), json!(n)))
         .collect();
     let [min, max] = [report.bounds.min, report.bounds.max].map(|v| [v.x, v.y, v.z]);
-    let mut fields_text = String::new();
-    let fields = fields_of(&file.fields, &mut fields_text);
+    let mut text = screen(path, &report);
+    let groups = groups_of(&file.groups, &mut text);
+    let fields = fields_of(&file.fields, &mut text);
     let facts = json!({
         "kind": "scaffold",
         "path": path.display().to_string(),
@@ -257,16 +251,6 @@ fn describe_solids(path: &Path, file: &ScaffoldFile) -> (String, Value) {
         "skipped": file.skipped,
         "warnings": report.warnings(),
     });
-    let mut text = screen(path, &report);
-    for group in &file.groups {
-        let _ = writeln!(
-            text,
-            "group {:?}: {} elements",
-            group.name,
-            group.elements.len()
-        );
-    }
-    text.push_str(&fields_text);
     for warning in report.warnings() {
         let _ = writeln!(text, "note: {warning}");
     }

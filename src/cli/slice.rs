@@ -1,7 +1,7 @@
 //! `druse slice IN.vdb|RECIPE -o X --layer LENGTH`.
 
 use super::kind::FileKind;
-use super::workshop::Draft;
+use super::workshop::{Draft, GridChoice};
 use super::{Answer, Failure, Session};
 use crate::frame::LengthUnit;
 use crate::io::atomic::{AtomicFile, write_bytes};
@@ -32,12 +32,8 @@ pub(super) struct Parameters {
     /// Edge of a pixel, and of the squares in which outlines are found [default: a voxel].
     #[arg(long, value_name = "LENGTH")]
     pixel: Option<Size>,
-    /// Name of the grid of an OpenVDB file.
-    #[arg(long, value_name = "NAME")]
-    grid: Option<String>,
-    /// Unit of an OpenVDB file's lengths [default: what the file says, else m].
-    #[arg(long)]
-    unit: Option<LengthUnit>,
+    #[command(flatten)]
+    choice: GridChoice,
     /// Override a key of the recipe, as in `band.voxel_size=0.2`.
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
@@ -66,9 +62,7 @@ enum Format {
 
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     let recipe = match FileKind::of(&p.file, &[FileKind::Vdb, FileKind::Recipe])? {
-        FileKind::Vdb => Draft::of_file(&p.file, p.grid.as_deref(), None, p.unit)?
-            .0
-            .recipe()?,
+        FileKind::Vdb => Draft::of_file(&p.file, &p.choice)?.0.recipe()?,
         _ => Recipe::read(&p.file, &p.set)?,
     };
     let extension = p.output.extension().and_then(|e| e.to_str());

@@ -5,8 +5,23 @@ use crate::frame::LengthUnit;
 use crate::pipeline::{Report, RunOptions, run};
 use crate::recipe::Recipe;
 use crate::vdb::FileInfo;
+use clap::Args;
 use std::path::Path;
 use toml::{Table, Value};
+
+/// Which surface of an OpenVDB file is meant.
+#[derive(Args, Default)]
+pub(super) struct GridChoice {
+    /// Name of the grid [default: "surface", the only level set, or the only grid of floats].
+    #[arg(long, value_name = "NAME")]
+    pub grid: Option<String>,
+    /// The value on the surface of a grid that is no level set [default: 0.5 for a fog volume].
+    #[arg(long, value_name = "NUMBER", allow_hyphen_values = true)]
+    pub value: Option<f64>,
+    /// Unit of the file's lengths [default: what the file says, else m].
+    #[arg(long)]
+    pub unit: Option<LengthUnit>,
+}
 
 /// A recipe in the making.
 pub(super) struct Draft {
@@ -59,17 +74,12 @@ impl Draft {
     }
 
     /// A draft that starts from a grid of a file, in the file's own unit and voxels.
-    pub fn of_file(
-        path: &Path,
-        grid: Option<&str>,
-        value: Option<f64>,
-        unit: Option<LengthUnit>,
-    ) -> Result<(Self, LengthUnit), Failure> {
+    pub fn of_file(path: &Path, choice: &GridChoice) -> Result<(Self, LengthUnit), Failure> {
         let info = super::vdb::inspect(path)?;
-        let unit = unit_of(&info, unit);
+        let unit = unit_of(&info, choice.unit);
         let wanted = |name: &str| info.grids.iter().find(|g| g.name == name);
         let level_set = || info.grids.iter().find(|g| g.class == "level set");
-        let chosen = match grid {
+        let chosen = match choice.grid.as_deref() {
             Some(name) => wanted(name),
             None => wanted("surface")
                 .or_else(level_set)
@@ -89,8 +99,8 @@ impl Draft {
         let mut draft = Self::new(unit, Value::Float(voxel), width);
         let source = table([
             ("path", Some(path_value(path)?)),
-            ("grid", grid.map(|g| Value::String(g.to_owned()))),
-            ("value", value.map(Value::Float)),
+            ("grid", choice.grid.clone().map(Value::String)),
+            ("value", choice.value.map(Value::Float)),
             ("unit", Some(Value::String(unit.symbol().into()))),
         ]);
         draft.operation("union", table([("vdb", Some(source))]));

@@ -41,18 +41,7 @@ pub(super) fn read(mut source: Source) -> Result<MeshFile, ReadError> {
     let mut unit = None;
     // The first face that names a vertex not yet read: line and number, from 1.
     let mut ahead: Option<(ReadError, usize)> = None;
-    let mut joined = String::new();
-    while let Some(line) = source.line()? {
-        if let Some(start) = line.strip_suffix('\\') {
-            joined.push_str(start);
-            joined.push(' ');
-            if joined.len() > 1 << 20 {
-                return Err(source.bad("a statement of more than 1048576 bytes", "lines of text"));
-            }
-            continue;
-        }
-        joined.push_str(line);
-        let statement = std::mem::take(&mut joined);
+    while let Some(statement) = source.joined_line()? {
         let mut words = statement.split_ascii_whitespace();
         match words.next() {
             None => {}

@@ -31,18 +31,7 @@ pub(super) fn read(path: &Path, group_by: GroupBy) -> Result<Draft, ReadError> {
     let mut names: Vec<Names> = Vec::new();
     let mut tints: Vec<Option<[u8; 3]>> = Vec::new();
     let mut libraries: Vec<String> = Vec::new();
-    let mut joined = String::new();
-    while let Some(line) = source.line()? {
-        if let Some(start) = line.strip_suffix('\\') {
-            joined.push_str(start);
-            joined.push(' ');
-            if joined.len() > 1 << 20 {
-                return Err(source.bad("a statement of more than 1048576 bytes", "lines of text"));
-            }
-            continue;
-        }
-        joined.push_str(line);
-        let statement = std::mem::take(&mut joined);
+    while let Some(statement) = source.joined_line()? {
         let mut words = statement.split_whitespace();
         let rest = |words: std::str::SplitWhitespace| words.collect::<Vec<_>>().join(" ");
         match words.next() {

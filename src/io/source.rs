@@ -126,6 +126,27 @@ impl Source {
         Ok(Some(&self.text))
     }
 
+    /// The next statement: a line with those that a backslash at its end joins to it; `None` at the end.
+    ///
+    /// # Errors
+    /// When the joined lines are longer than a mebibyte, and as [`Source::line`].
+    pub fn joined_line(&mut self) -> Result<Option<String>, ReadError> {
+        let mut joined = String::new();
+        while let Some(line) = self.line()? {
+            let Some(start) = line.strip_suffix('\\') else {
+                joined.push_str(line);
+                return Ok(Some(joined));
+            };
+            joined.push_str(start);
+            joined.push(' ');
+            if joined.len() as u64 > LINE_LIMIT {
+                let found = format!("a statement of more than {LINE_LIMIT} bytes");
+                return Err(self.bad(found, "lines of text"));
+            }
+        }
+        Ok(Some(joined).filter(|j| !j.is_empty()))
+    }
+
     /// Number of the line read last, from 1.
     pub fn line_number(&self) -> u64 {
         self.line

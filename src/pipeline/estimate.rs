@@ -9,7 +9,7 @@ use super::error::{RunError, short};
 use super::memory;
 use super::shape::shape;
 use super::stock::Stock;
-use crate::band::{self, Sampling};
+use crate::band::{Band, Sampling};
 use crate::frame::Transform;
 use crate::progress::{Progress, Threads};
 use crate::recipe::{Op, Output, OutputKind, Scale};
@@ -153,16 +153,15 @@ fn sample_at(
     let field = shape(stock, coarse)?;
     let transform =
         Transform::new(h).ok_or_else(|| RunError::Empty(format!("a voxel size of {h}")))?;
-    let found = band::estimate(
-        &*field.field,
+    let band = Band {
+        field: &*field.field,
         transform,
-        stock.recipe.sections().band.half_width.0,
-        &field.extent,
-        threads,
-        progress,
-        Sampling::default(),
-    )
-    .map_err(RunError::band("estimate"))?;
+        half_width: stock.recipe.sections().band.half_width.0,
+        extent: field.extent,
+    };
+    let found = band
+        .estimate(threads, progress, Sampling::default())
+        .map_err(RunError::band("estimate"))?;
     Ok(Counts {
         blocks: found.blocks as f64,
         leaves_touched: found.leaves_touched as f64,

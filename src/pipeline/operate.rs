@@ -5,11 +5,11 @@ use super::report::SolidReport;
 use super::shape::{Shape, operand, trim_box};
 use super::stock::Stock;
 use super::volumes::resample_placement;
-use crate::band::{BandStats, evaluate};
+use crate::band::{Band, BandStats};
 use crate::field::{BoxSolid, Intersection};
 use crate::frame::Transform;
 use crate::progress::{Progress, Threads};
-use crate::recipe::{Kernel, Op, Resample, Scale, Side};
+use crate::recipe::{Kernel, Op, Recipe, Resample, Scale, Side};
 use crate::vdb::{LevelSet, LevelSetBuilder, Scheme, Session, VdbError, WallSide};
 
 /// What every stage of a run shares.
@@ -23,6 +23,16 @@ pub(super) struct Bench<'a> {
 }
 
 impl<'a> Bench<'a> {
+    /// The bench of a recipe.
+    pub fn new(recipe: &Recipe, threads: &'a Threads, progress: &'a dyn Progress) -> Self {
+        Self {
+            threads,
+            progress,
+            scale: recipe.scale(),
+            half_width: recipe.sections().band.half_width.0,
+        }
+    }
+
     /// How calls into OpenVDB are made.
     pub fn session(&self) -> Session<'a> {
         Session::new(self.threads, self.progress)
@@ -40,16 +50,15 @@ impl<'a> Bench<'a> {
         self.progress.stage(name, None);
         let builder =
             LevelSetBuilder::new(transform, self.half_width).map_err(RunError::level_set(name))?;
-        let stats = evaluate(
-            &*shape.field,
+        let band = Band {
+            field: &*shape.field,
             transform,
-            self.half_width,
-            &shape.extent,
-            self.threads,
-            self.progress,
-            &builder,
-        )
-        .map_err(RunError::band(name))?;
+            half_width: self.half_width,
+            extent: shape.extent,
+        };
+        let stats = band
+            .evaluate(self.threads, self.progress, &builder)
+            .map_err(RunError::band(name))?;
         let solid = builder
             .finish(self.session())
             .map_err(RunError::level_set(name))?;

@@ -1,7 +1,7 @@
 //! What a run found and made: the content of `report.json`.
 
 use crate::frame::Aabb;
-use crate::tiling::Certificate;
+use crate::tiling::{Certificate, FaceStatistics, Seam};
 use serde::Serialize;
 use std::collections::BTreeMap;
 
@@ -87,43 +87,9 @@ pub struct ContinuityReport {
     /// Greatest such angle, degrees.
     pub crease_degrees_max: f64,
     /// By kind of face.
-    pub faces: Vec<FaceReport>,
+    pub faces: Vec<FaceStatistics>,
     /// The worst places.
-    pub worst: Vec<SeamReport>,
-}
-
-/// Continuity over the faces of one kind.
-#[derive(Clone, Debug, Serialize)]
-pub struct FaceReport {
-    /// "triangle" or "quad".
-    pub kind: &'static str,
-    /// Faces looked at.
-    pub faces: usize,
-    /// Points looked at.
-    pub points: usize,
-    /// Points where the surface crosses a face.
-    pub crossings: usize,
-    /// Greatest jump, over the field's range.
-    pub value_jump_max: f64,
-    /// Its 99th percentile.
-    pub value_jump_p99: f64,
-    /// Greatest crease, degrees.
-    pub crease_degrees_max: f64,
-    /// Its 99th percentile, degrees.
-    pub crease_degrees_p99: f64,
-}
-
-/// A place where both sides of a face differ most.
-#[derive(Clone, Debug, Serialize)]
-pub struct SeamReport {
-    /// Numbers of the elements in the file.
-    pub elements: [u64; 2],
-    /// Where, recipe units.
-    pub at: [f64; 3],
-    /// Jump of the value over the field's range.
-    pub value_jump: f64,
-    /// Distance between both elements' faces there, recipe units.
-    pub gap: f64,
+    pub worst: Vec<Seam>,
 }
 
 impl From<&Certificate> for ContinuityReport {
@@ -133,30 +99,8 @@ impl From<&Certificate> for ContinuityReport {
             value_jump_p99: c.value_jump_p99,
             crease_degrees_p99: c.crease_degrees_p99,
             crease_degrees_max: c.crease_degrees_max,
-            faces: c
-                .kinds
-                .iter()
-                .map(|k| FaceReport {
-                    kind: k.kind,
-                    faces: k.faces,
-                    points: k.points,
-                    crossings: k.crossings,
-                    value_jump_max: k.value_jump_max,
-                    value_jump_p99: k.value_jump_p99,
-                    crease_degrees_max: k.crease_degrees_max,
-                    crease_degrees_p99: k.crease_degrees_p99,
-                })
-                .collect(),
-            worst: c
-                .worst
-                .iter()
-                .map(|s| SeamReport {
-                    elements: s.elements,
-                    at: s.at,
-                    value_jump: s.value_jump,
-                    gap: s.gap,
-                })
-                .collect(),
+            faces: c.kinds.clone(),
+            worst: c.worst.clone(),
         }
     }
 }

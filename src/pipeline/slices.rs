@@ -54,12 +54,7 @@ pub fn slice<E: From<RunError>>(
     let threads = threads(options)?;
     let mut stock = Stock::load(recipe, &threads, options, progress)?;
     let sections = recipe.sections();
-    let mut bench = Bench {
-        threads: &threads,
-        progress,
-        scale: recipe.scale(),
-        half_width: sections.band.half_width.0,
-    };
+    let mut bench = Bench::new(recipe, &threads, progress);
     let first = stock.pointwise();
     let start = stock.volumes.take_start();
     if start.is_none() && first == sections.op.len() {

@@ -229,18 +229,6 @@ fn corner_shares(family: Family, [x, y, z]: [i64; 3], n: i64) -> Vec<i64> {
     }
 }
 
-/// The corners of a cube in VTK order.
-const CUBE: [[i64; 3]; 8] = [
-    [0, 0, 0],
-    [1, 0, 0],
-    [1, 1, 0],
-    [0, 1, 0],
-    [0, 0, 1],
-    [1, 0, 1],
-    [1, 1, 1],
-    [0, 1, 1],
-];
-
 fn bricks(kind: Kind, k: i64) -> Vec<Part> {
     let mut all = Vec::new();
     for z in 0..k {
@@ -248,9 +236,16 @@ fn bricks(kind: Kind, k: i64) -> Vec<Part> {
             for x in 0..k {
                 all.push(Part {
                     kind,
-                    corners: CUBE
+                    corners: Kind::Hex8
+                        .lattice()
                         .iter()
-                        .map(|c| [c[0] + x, c[1] + y, c[2] + z])
+                        .map(|c| {
+                            [
+                                x + i64::from(c[0]),
+                                y + i64::from(c[1]),
+                                z + i64::from(c[2]),
+                            ]
+                        })
                         .collect(),
                 });
             }

@@ -156,7 +156,7 @@ impl Kind {
     }
 
     /// Parametric coordinates of the nodes, times the degree.
-    pub(super) fn lattice(self) -> &'static [[u8; 3]] {
+    pub(crate) fn lattice(self) -> &'static [[u8; 3]] {
         self.row().lattice
     }
 

@@ -10,9 +10,10 @@ use super::source::Filling;
 use crate::frame::{CellPoint, Vec3, WorldPoint};
 use crate::scaffold::{FaceRef, Scaffold};
 use rayon::prelude::*;
+use serde::Serialize;
 
 /// What was measured on faces of one kind.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct FaceStatistics {
     /// "triangle" or "quad".
     pub kind: &'static str,
@@ -33,7 +34,7 @@ pub struct FaceStatistics {
 }
 
 /// A place where both sides of a face differ.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Seam {
     /// Numbers of the elements in the file.
     pub elements: [u64; 2],

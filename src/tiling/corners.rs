@@ -7,6 +7,7 @@
 //! alone, is the same from both sides, and the functions are positive and sum to one.
 
 use crate::frame::{CellPoint, Element, Vec3};
+use crate::scaffold::Kind;
 
 /// How corner values are interpolated.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -96,7 +97,7 @@ impl Corners {
                 c.count = 6;
             }
             Element::Pyramid => {
-                let kind = crate::scaffold::Kind::Pyramid5;
+                let kind = Kind::Pyramid5;
                 let point = CellPoint(xi);
                 c.values[..5].copy_from_slice(&kind.shape_functions(point));
                 c.slopes[..5].copy_from_slice(&kind.shape_gradients(point));
@@ -106,19 +107,8 @@ impl Corners {
                 let [(x, dx), (y, dy), (z, dz)] = [xi.x, xi.y, xi.z].map(|t| line(t + 0.5));
                 let ends = |t: f64, d: f64| [(1.0 - t, -d), (t, d)];
                 let (xs, ys, zs) = (ends(x, dx), ends(y, dy), ends(z, dz));
-                for (v, [i, j, k]) in [
-                    [0, 0, 0],
-                    [1, 0, 0],
-                    [1, 1, 0],
-                    [0, 1, 0],
-                    [0, 0, 1],
-                    [1, 0, 1],
-                    [1, 1, 1],
-                    [0, 1, 1],
-                ]
-                .into_iter()
-                .enumerate()
-                {
+                for (v, corner) in Kind::Hex8.lattice().iter().enumerate() {
+                    let [i, j, k] = corner.map(usize::from);
                     let ((a, da), (b, db), (d, dd)) = (xs[i], ys[j], zs[k]);
                     c.values[v] = a * b * d;
                     c.slopes[v] = Vec3::new(da * b * d, a * db * d, a * b * dd);

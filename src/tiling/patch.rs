@@ -154,15 +154,7 @@ impl Patch {
             return None;
         }
         match &self.inverse {
-            Inverse::Affine { matrix, centre } => {
-                let xi = matrix * (x - centre);
-                Some(Spot {
-                    xi,
-                    inverse: *matrix,
-                    beyond: self.shape.face_distance(CellPoint(xi)),
-                    inner: None,
-                })
-            }
+            Inverse::Affine { matrix, centre } => Some(self.affine_spot(matrix, centre, x)),
             Inverse::Curved { matrix, centre } => {
                 let guess = self.clamp(start.unwrap_or_else(|| matrix * (x - centre)));
                 self.newton(scaffold, x, guess)
@@ -180,15 +172,7 @@ impl Patch {
     /// Where `x` lies if it is well inside the element, off its faces; Newton starts at `start`.
     pub fn inside(&self, scaffold: &Scaffold, x: Vec3, start: Vec3) -> Option<Spot> {
         let spot = match &self.inverse {
-            Inverse::Affine { matrix, centre } => {
-                let xi = matrix * (x - centre);
-                Spot {
-                    xi,
-                    inverse: *matrix,
-                    beyond: self.shape.face_distance(CellPoint(xi)),
-                    inner: None,
-                }
-            }
+            Inverse::Affine { matrix, centre } => self.affine_spot(matrix, centre, x),
             Inverse::Curved { .. } => {
                 if self.is_beyond(x, 0.0) {
                     return None;
@@ -199,19 +183,23 @@ impl Patch {
         (spot.beyond < -ON_FACE).then_some(spot)
     }
 
+    fn affine_spot(&self, matrix: &Mat3, centre: &Vec3, x: Vec3) -> Spot {
+        let xi = matrix * (x - centre);
+        Spot {
+            xi,
+            inverse: *matrix,
+            beyond: self.shape.face_distance(CellPoint(xi)),
+            inner: None,
+        }
+    }
+
     /// The spot of any point, by the affine map at the centroid if all else fails.
     pub fn spot_anyway(&self, scaffold: &Scaffold, x: Vec3) -> Spot {
         self.spot(scaffold, x, f64::INFINITY, None)
             .unwrap_or_else(|| {
                 let (Inverse::Affine { matrix, centre } | Inverse::Curved { matrix, centre }) =
                     &self.inverse;
-                let xi = matrix * (x - centre);
-                Spot {
-                    xi,
-                    inverse: *matrix,
-                    beyond: self.shape.face_distance(CellPoint(xi)),
-                    inner: None,
-                }
+                self.affine_spot(matrix, centre, x)
             })
     }
 

@@ -302,7 +302,7 @@ mod bridge {
         /// The path's bytes.
         fn file_open(path: &[u8]) -> Result<UniquePtr<FileIn>>;
         fn version(self: &FileIn) -> u32;
-        fn library(self: &FileIn) -> Result<String>;
+        fn writer(self: &FileIn) -> Result<String>;
         fn metadata(self: &FileIn) -> Result<Vec<MetaEntry>>;
         fn names(self: &FileIn) -> Result<Vec<String>>;
         fn file_read(file: Pin<&mut FileIn>, index: usize) -> Result<UniquePtr<Grid>>;

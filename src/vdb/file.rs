@@ -87,7 +87,8 @@ pub struct FileInfo {
     /// File format: 224 for OpenVDB 4 to 12.
     pub version: u32,
     /// Library and format that wrote it, as in `10.0/224`.
-    pub library: String,
+    #[serde(rename = "library")]
+    pub writer: String,
     /// Size of the file.
     pub bytes: u64,
     /// Metadata of the file itself.
@@ -143,7 +144,7 @@ pub fn info(path: &Path) -> Result<FileInfo, FileError> {
     let metadata = file.metadata().map_err(damaged)?;
     Ok(FileInfo {
         version: file.version(),
-        library: file.library().map_err(damaged)?,
+        writer: file.writer().map_err(damaged)?,
         bytes: std::fs::metadata(path)
             .map_err(|e| FileError::io(path, e))?
             .len(),

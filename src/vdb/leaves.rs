@@ -146,12 +146,17 @@ impl LevelSet {
     /// # Errors
     /// Only what OpenVDB itself refuses.
     pub fn samples(&self, points: &[WorldPoint]) -> Result<Vec<f32>, VdbError> {
-        let flat: Vec<[f64; 3]> = points.iter().map(|p| p.0.into()).collect();
-        let mut values = vec![0.0; points.len()];
-        ffi::grid_samples(&self.grid, flat.as_flattened(), false, &mut values)
-            .map_err(|e| VdbError::plain("sampling", &e))?;
-        Ok(values)
+        samples_of(&self.grid, points)
     }
+}
+
+/// Values at points of the world, trilinear between voxels; the background outside.
+pub(super) fn samples_of(grid: &ffi::Grid, points: &[WorldPoint]) -> Result<Vec<f32>, VdbError> {
+    let flat: Vec<[f64; 3]> = points.iter().map(|p| p.0.into()).collect();
+    let mut values = vec![0.0; points.len()];
+    ffi::grid_samples(grid, flat.as_flattened(), false, &mut values)
+        .map_err(|e| VdbError::plain("sampling", &e))?;
+    Ok(values)
 }
 
 /// Tiles in order of origin: all, or those that are active or inside.

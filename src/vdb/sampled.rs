@@ -5,7 +5,7 @@
 
 use super::ffi;
 use super::{LevelSet, LevelSetBuilder, Session, VdbError};
-use crate::band::evaluate;
+use crate::band::Band;
 use crate::field::{Field, Interval, SampleLattice};
 use crate::frame::{Aabb, Coord, Mat3, Transform, Vec3, WorldPoint};
 use std::collections::HashMap;
@@ -239,16 +239,14 @@ impl LevelSet {
         )?;
         let extent = field.bounds();
         if !extent.is_empty() {
-            evaluate(
-                &field,
+            let band = Band {
+                field: &field,
                 transform,
                 half_width,
-                &extent,
-                session.threads,
-                session.progress,
-                &builder,
-            )
-            .map_err(|e| VdbError::band("resampling", e))?;
+                extent,
+            };
+            band.evaluate(session.threads, session.progress, &builder)
+                .map_err(|e| VdbError::band("resampling", e))?;
         }
         builder.finish(session)
     }

@@ -2,7 +2,7 @@
 
 use super::ffi::{self, Smoothing};
 use super::{LevelSet, LevelSetBuilder, Scheme, Session, VdbError, Volume};
-use crate::band::evaluate;
+use crate::band::Band;
 use crate::field::BoxSolid;
 use crate::frame::Aabb;
 
@@ -133,16 +133,14 @@ impl LevelSet {
         if room.is_empty() {
             return self.change("trimming", session, |grid, _| ffi::grid_clear(grid));
         }
-        evaluate(
-            &BoxSolid(room),
-            self.transform,
-            self.half_width,
-            &room,
-            session.threads,
-            session.progress,
-            &builder,
-        )
-        .map_err(|e| VdbError::band("trimming", e))?;
+        let band = Band {
+            field: &BoxSolid(room),
+            transform: self.transform,
+            half_width: self.half_width,
+            extent: room,
+        };
+        band.evaluate(session.threads, session.progress, &builder)
+            .map_err(|e| VdbError::band("trimming", e))?;
         let mut operand = builder.finish(session)?;
         operand.place_at(self.origin)?;
         self.intersect(operand, session)

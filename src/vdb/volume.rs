@@ -1,6 +1,6 @@
 //! Grids of floats of any class: fog volumes, masks, fields of others.
 
-use super::leaves::Leaves;
+use super::leaves::{Leaves, samples_of};
 use super::{FileError, GridInfo, LevelSet, LevelSetBuilder, Session, VdbError, ffi};
 use crate::frame::{Coord, Transform, Vec3, WorldPoint};
 use cxx::UniquePtr;
@@ -99,11 +99,7 @@ impl Volume {
     /// # Errors
     /// Only what OpenVDB itself refuses.
     pub fn samples(&self, points: &[WorldPoint]) -> Result<Vec<f32>, VdbError> {
-        let flat: Vec<[f64; 3]> = points.iter().map(|p| p.0.into()).collect();
-        let mut values = vec![0.0; points.len()];
-        ffi::grid_samples(&self.grid, flat.as_flattened(), false, &mut values)
-            .map_err(|e| VdbError::plain("sampling", &e))?;
-        Ok(values)
+        samples_of(&self.grid, points)
     }
 
     /// The level set of the surface on which the values are `value`: of a fog the part above it is

@@ -1,6 +1,6 @@
 //! Laws of the narrow band, against dense scans of the same field.
 
-use druse::band::{self, BandError, BandStats, LeafMap, Sampling, Statistics};
+use druse::band::{Band, BandError, BandStats, LeafMap, Sampling, Statistics};
 use druse::field::{Field, Intersection, Interval, Sphere, WorldField};
 use druse::frame::{Aabb, Coord, Transform, Vec3, WorldPoint};
 use druse::progress::{Progress, Silent, Threads};
@@ -24,15 +24,13 @@ fn run(
     threads: usize,
 ) -> Result<(BandStats, Leaves), BandError> {
     let sink = LeafMap::default();
-    let stats = band::evaluate(
+    let band = Band {
         field,
-        Transform::new(h).unwrap(),
-        w,
-        extent,
-        &Threads::new(threads).unwrap(),
-        &Silent,
-        &sink,
-    )?;
+        transform: Transform::new(h).unwrap(),
+        half_width: w,
+        extent: *extent,
+    };
+    let stats = band.evaluate(&Threads::new(threads).unwrap(), &Silent, &sink)?;
     Ok((stats, sink.into_leaves()))
 }
 
@@ -259,15 +257,13 @@ fn cancelling_ends_the_evaluation() {
     };
     let sink = Statistics::default();
     let stop = After(AtomicU64::new(0));
-    let result = band::evaluate(
-        &ball,
-        Transform::new(1.0).unwrap(),
-        3.0,
-        &cube(100.0),
-        &Threads::new(2).unwrap(),
-        &stop,
-        &sink,
-    );
+    let band = Band {
+        field: &ball,
+        transform: Transform::new(1.0).unwrap(),
+        half_width: 3.0,
+        extent: cube(100.0),
+    };
+    let result = band.evaluate(&Threads::new(2).unwrap(), &stop, &sink);
     assert!(matches!(result, Err(BandError::Cancelled(_))));
 }
 
@@ -279,18 +275,14 @@ fn an_estimate_from_few_leaves_is_right_within_a_few_standard_errors() {
     };
     let extent = cube(150.0);
     let (stats, _) = run(&ball, 1.0, 3.0, &extent, 2).unwrap();
-    let estimate = |sampling| {
-        band::estimate(
-            &ball,
-            Transform::new(1.0).unwrap(),
-            3.0,
-            &extent,
-            &Threads::new(2).unwrap(),
-            &Silent,
-            sampling,
-        )
-        .unwrap()
+    let band = Band {
+        field: &ball,
+        transform: Transform::new(1.0).unwrap(),
+        half_width: 3.0,
+        extent,
     };
+    let threads = Threads::new(2).unwrap();
+    let estimate = |sampling| band.estimate(&threads, &Silent, sampling).unwrap();
     for seed in 1..20 {
         let e = estimate(Sampling { leaves: 300, seed });
         assert_eq!(e.leaves_sampled, 300);

@@ -3,7 +3,7 @@
 mod turned;
 
 use crate::strategy::{self, Noise};
-use druse::band::{self, LeafMap};
+use druse::band::{Band, LeafMap};
 use druse::field::{Field, Interval};
 use druse::frame::{Aabb, CellBox, CellPoint, Coord, Element, Transform, Vec3, WorldPoint};
 use druse::progress::{Silent, Threads};
@@ -150,8 +150,13 @@ fn culling_never_misses_a_leaf_on_random_cells_and_maps() {
         let sink = LeafMap::default();
         let transform = Transform::new(h).unwrap();
         let bounds = scaffold.bounds();
-        let stats =
-            band::evaluate(&tiled, transform, 3.0, &bounds, &threads, &Silent, &sink).unwrap();
+        let band = Band {
+            field: &tiled,
+            transform,
+            half_width: 3.0,
+            extent: bounds,
+        };
+        let stats = band.evaluate(&threads, &Silent, &sink).unwrap();
         let leaves = sink.into_leaves();
         // Every leaf of the region has its band, and no other leaf has one.
         let index = |x: f64, up: f64| ((x / h + up * 4.0) / 8.0 + up * 0.5).round() as i32 * 8;

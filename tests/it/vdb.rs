@@ -1,6 +1,6 @@
 //! Laws of `vdb`: every fact about OpenVDB that the code relies on.
 
-use druse::band::{LeafBatch, LeafSink, evaluate};
+use druse::band::{Band, LeafBatch, LeafSink};
 use druse::field::{BoxSolid, Complement, Field, Intersection, Sphere, Union, WorldField};
 use druse::frame::{Aabb, Coord, Transform, Vec3, WorldPoint};
 use druse::mesh::TriMesh;
@@ -37,7 +37,13 @@ fn cube(half_edge: f64) -> Aabb {
 fn level_set_by(threads: &Threads, field: &WorldField, extent: Aabb, voxel_size: f64) -> LevelSet {
     let transform = Transform::new(voxel_size).expect("a voxel size");
     let builder = LevelSetBuilder::new(transform, 3.0).expect("a half width");
-    evaluate(field, transform, 3.0, &extent, threads, &Silent, &builder).expect("a band");
+    let band = Band {
+        field,
+        transform,
+        half_width: 3.0,
+        extent,
+    };
+    band.evaluate(threads, &Silent, &builder).expect("a band");
     builder
         .finish(Session::new(threads, &Silent))
         .expect("a level set")
