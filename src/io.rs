@@ -40,7 +40,7 @@ mod vtk;
 
 pub use cell::{read_cell, write_cell};
 pub use cloud::{PointFile, TEXT_CLOUDS, read_points};
-pub use crystal::{DiskFiles, read_crystal, read_script};
+pub use crystal::{DiskFiles, carry_out, read_crystal, read_script, script_fault};
 pub use error::{ErrorClass, Place, ReadError, WriteError};
 pub use graph::read_skeleton;
 pub use mesh_file::{MeshFile, MeshFormat, is_point_cloud, read_mesh, sniff, write_mesh};

@@ -22,6 +22,7 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 mod cells;
+mod crystals;
 mod error;
 mod estimate;
 mod filling;
@@ -44,6 +45,7 @@ mod volumes;
 mod wall;
 
 pub use cells::{levelled, make_cell, one_element, read_source};
+pub use crystals::{CrystalScript, crystal_script};
 pub use error::RunError;
 pub use estimate::Estimate;
 pub use fit_options::fit_options;

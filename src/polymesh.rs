@@ -37,6 +37,7 @@ mod remesh;
 mod script;
 pub mod seed;
 mod select;
+mod surface;
 mod symmetrize;
 mod tier;
 mod topology;
@@ -51,6 +52,7 @@ pub use remesh::{Grouping, Parameter, Remesh, RemeshError, scheme_names};
 pub use script::{
     Files, GroupBy, LoadOptions, Loaded, NoFiles, Note, Script, ScriptError, VERBS, Workshop,
 };
+pub use surface::SurfaceError;
 pub use symmetrize::Symmetry;
 pub use triangulate::Triangulated;
 

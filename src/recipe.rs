@@ -42,7 +42,7 @@ mod tiling;
 pub use brief::{Brief, Short};
 pub use cell::{Caps, CellSection, ElementName, Place as CellPlace, Solid};
 
-pub use crystal::CrystalSection;
+pub use crystal::{CrystalFrame, CrystalRef, CrystalSection, SurfaceRef};
 pub use error::{Place, RecipeError, RecipeFault};
 pub use file::{FileFrame, FileRef, Similarity, Up};
 pub use fit::{FitMethod, Solver, Symmetrise};

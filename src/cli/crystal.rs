@@ -5,6 +5,7 @@ use crate::frame::{LengthUnit, Transform};
 use crate::io::atomic::{StagedPath, write_bytes};
 use crate::io::{DiskFiles, read_polymesh, read_script, write_mesh, write_polymesh};
 use crate::mesh::MeshReport;
+use crate::pipeline::crystal_script;
 use crate::polymesh::{LoadOptions, PolyMesh, Script, Triangulated, Workshop};
 use crate::recipe::{Length, PictureSize, Recipe, Scale};
 use crate::vdb::{self, LevelSet, VdbWriter};
@@ -194,44 +195,16 @@ fn of_recipe(p: &Parameters, path: &Path) -> Result<Source, Failure> {
             return Err(Failure::data(path, message));
         }
     };
-    let Some(section) = crystals.get(name) else {
-        let words = names
-            .iter()
-            .map(|n| n.as_str())
-            .collect::<Vec<_>>()
-            .join(", ");
-        return Err(Failure::data(
-            path,
-            format!("no crystal is named {name:?}; the recipe has {words}"),
-        ));
-    };
-    let plain = p.set.iter().filter(|pair| !dotted(pair)).cloned();
-    let mut parameters: Vec<String> = section
-        .set
-        .iter()
-        .map(|(k, v)| format!("{k}={v}"))
-        .collect();
-    parameters.extend(plain);
-    let unit = p.unit.unwrap_or(recipe.unit());
-    match &section.file {
-        Some(file) => {
-            let file = recipe.resolve(file);
-            Ok(Source {
-                text: read_script(&file)?,
-                directory: file.parent().unwrap_or(Path::new("")).to_owned(),
-                path: file,
-                parameters,
-                unit,
-            })
-        }
-        None => Ok(Source {
-            path: path.to_owned(),
-            text: section.steps.clone().unwrap_or_default(),
-            directory: recipe.source().directory().to_owned(),
-            parameters,
-            unit,
-        }),
-    }
+    let script = crystal_script(&recipe, name)?;
+    let mut parameters: Vec<String> = script.set.iter().map(|(k, v)| format!("{k}={v}")).collect();
+    parameters.extend(p.set.iter().filter(|pair| !dotted(pair)).cloned());
+    Ok(Source {
+        path: script.file.unwrap_or_else(|| path.to_owned()),
+        text: script.text,
+        directory: script.directory,
+        parameters,
+        unit: p.unit.unwrap_or(recipe.unit()),
+    })
 }
 
 fn cut(mesh: &PolyMesh) -> Result<Triangulated, Failure> {

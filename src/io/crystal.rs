@@ -3,13 +3,14 @@
 use super::{Place, ReadError, Source, read_polymesh, write_polymesh};
 use crate::polymesh::{Files, LoadOptions, Loaded, Note, PolyMesh, Script, ScriptError, Workshop};
 use std::path::{Path, PathBuf};
-use std::sync::Mutex;
+use std::sync::{Arc, Mutex};
 
 /// Files of a script, relative to a directory; what it saves is noted, or left out.
 pub struct DiskFiles {
     directory: PathBuf,
     saves: bool,
     saved: Mutex<Vec<(PathBuf, u64)>>,
+    loaded: Mutex<Vec<PathBuf>>,
 }
 
 impl DiskFiles {
@@ -19,12 +20,20 @@ impl DiskFiles {
             directory: directory.as_ref().to_owned(),
             saves,
             saved: Mutex::default(),
+            loaded: Mutex::default(),
         }
     }
 
     /// Files beside a script.
     pub fn beside(script: &Path, saves: bool) -> Self {
         Self::new(script.parent().unwrap_or(Path::new("")), saves)
+    }
+
+    /// What was loaded.
+    pub fn loaded(&self) -> Vec<PathBuf> {
+        self.loaded
+            .lock()
+            .map_or_else(|e| e.into_inner().clone(), |l| l.clone())
     }
 
     /// What was saved, with its size in bytes.
@@ -37,7 +46,12 @@ impl DiskFiles {
 
 impl Files for DiskFiles {
     fn load(&self, path: &Path, options: &LoadOptions) -> Result<Loaded, String> {
-        read_polymesh(self.directory.join(path), options).map_err(|e| e.to_string())
+        let path = self.directory.join(path);
+        let mesh = read_polymesh(&path, options).map_err(|e| e.to_string())?;
+        if let Ok(mut loaded) = self.loaded.lock() {
+            loaded.push(path);
+        }
+        Ok(mesh)
     }
 
     fn save(&self, path: &Path, mesh: &PolyMesh) -> Result<(), String> {
@@ -81,6 +95,44 @@ pub fn read_script(path: &Path) -> Result<String, ReadError> {
     Ok(text)
 }
 
+/// The mesh that a script's text makes with these values of its parameters, and the notes on its steps.
+///
+/// # Errors
+/// [`ScriptError`] at the step that cannot be done, or when none makes a mesh.
+pub fn carry_out(
+    text: &str,
+    files: &DiskFiles,
+    set: &[(String, String)],
+) -> Result<(PolyMesh, Vec<Note>), ScriptError> {
+    let whole = |message: String, hint: Option<&str>| ScriptError {
+        line: 1,
+        column: 1,
+        message,
+        hint: hint.map(str::to_owned),
+    };
+    let mut workshop = Workshop::new(files);
+    for (name, value) in set {
+        let set = workshop.set(name, value);
+        set.map_err(|e| whole(format!("{name} = {value}: {e}"), None))?;
+    }
+    Script::parse(text)?.run(&mut workshop, None)?;
+    let notes = workshop.take_notes();
+    let Some(mesh) = workshop.shared() else {
+        let hint = "begin with a solid such as cube";
+        return Err(whole("no step makes a mesh".into(), Some(hint)));
+    };
+    drop(workshop);
+    Ok((Arc::unwrap_or_clone(mesh), notes))
+}
+
+/// A step of a script's file that cannot be done, as an error of that file.
+pub fn script_fault(path: &Path, e: &ScriptError) -> ReadError {
+    let expected = e.hint.as_deref();
+    let expected = expected.unwrap_or("a step that can be carried out");
+    let place = Place::Line(e.line as u64);
+    ReadError::data(path, place, e.message.clone(), expected)
+}
+
 /// The mesh that a script's file makes, and the notes on its steps. Its `save` steps do nothing.
 ///
 /// # Errors
@@ -89,29 +141,5 @@ pub fn read_crystal(path: impl AsRef<Path>) -> Result<(PolyMesh, Vec<Note>), Rea
     let path = path.as_ref();
     let text = read_script(path)?;
     let files = DiskFiles::beside(path, false);
-    let mut workshop = Workshop::new(&files);
-    let fault = |e: &ScriptError| {
-        let expected = e
-            .hint
-            .as_deref()
-            .unwrap_or("a step that can be carried out");
-        ReadError::data(
-            path,
-            Place::Line(e.line as u64),
-            e.message.clone(),
-            expected,
-        )
-    };
-    let script = Script::parse(&text).map_err(|e| fault(&e))?;
-    script.run(&mut workshop, None).map_err(|e| fault(&e))?;
-    let notes = workshop.take_notes();
-    match workshop.mesh() {
-        Some(mesh) => Ok((mesh.clone(), notes)),
-        None => Err(ReadError::data(
-            path,
-            Place::File,
-            "no step that makes a mesh",
-            "a script that begins with a solid such as cube",
-        )),
-    }
+    carry_out(&text, &files, &[]).map_err(|e| script_fault(path, &e))
 }

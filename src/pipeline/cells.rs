@@ -54,7 +54,7 @@ pub(super) fn make(
         return levelled(cell, section).map_err(fail);
     }
     let reader = Reader {
-        resolve: &|path| recipe.resolve(path),
+        recipe: Some(recipe),
         session,
     };
     let mut found = Found::default();
@@ -64,6 +64,9 @@ pub(super) fn make(
     if let Some((word, path, bounds)) = found.file {
         own = format!("{key}.{word}");
         inputs.record(&own, &path, bounds)?;
+    }
+    if let Some((crystal, bounds)) = found.crystal {
+        inputs.record_crystal(&format!("{key}.crystal"), &crystal, bounds)?;
     }
     for Warning { code, message } in found.warnings {
         inputs.warn(code, format!("{own}: {message}"))?;
@@ -83,7 +86,7 @@ pub fn make_cell(
     session: Session,
 ) -> Result<(Cell, Vec<Warning>), RunError> {
     let reader = Reader {
-        resolve: &std::path::Path::to_path_buf,
+        recipe: None,
         session,
     };
     let mut found = Found::default();
@@ -106,7 +109,7 @@ pub fn read_source(
     session: Session,
 ) -> Result<crate::cell::Source, RunError> {
     let reader = Reader {
-        resolve: &std::path::Path::to_path_buf,
+        recipe: None,
         session,
     };
     let source = reader.source(section, element, &mut Found::default());

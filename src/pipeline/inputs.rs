@@ -1,11 +1,12 @@
 //! Files that a run reads: their frame, their hash, their box, and what looks wrong with them.
 
+use super::crystals::Crystal;
 use super::error::{RunError, show};
 use super::report::{Input, Warning};
 use crate::frame::{Aabb, LengthUnit, Vec3};
 use crate::io::{Place, ReadError};
 use crate::mesh::{HopelessMesh, MeshSolid, TriMesh};
-use crate::recipe::{FileFrame, Recipe, Up};
+use crate::recipe::{CrystalFrame, FileFrame, Recipe, SurfaceRef, Up};
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
@@ -32,8 +33,58 @@ impl<'a> Inputs<'a> {
         }
     }
 
+    /// The solid within a surface of the recipe.
+    pub fn solid(&mut self, key: &str, surface: SurfaceRef) -> Result<MeshSolid, RunError> {
+        match surface {
+            SurfaceRef::Mesh(file) => self.read_solid(key, file),
+            SurfaceRef::Crystal(frame) => self.crystal_solid(key, frame),
+        }
+    }
+
+    /// Makes a crystal and notes it.
+    pub fn crystal(&mut self, key: &str, frame: &CrystalFrame) -> Result<Crystal, RunError> {
+        let crystal = Crystal::make(self.recipe, frame)?;
+        self.record_crystal(key, &crystal, crystal.mesh.bounds())?;
+        Ok(crystal)
+    }
+
+    /// Notes a crystal for the report, and what its steps had to say.
+    pub fn record_crystal(
+        &mut self,
+        key: &str,
+        crystal: &Crystal,
+        bounds: Aabb,
+    ) -> Result<(), RunError> {
+        self.files.push(Input {
+            key: key.to_owned(),
+            path: crystal.origin.clone(),
+            hash: crystal.hash.clone(),
+            bounds,
+        });
+        self.paths.extend(crystal.files.iter().cloned());
+        for note in &crystal.notes {
+            self.warn(Warning::MESH, format!("{key}: {note}"))?;
+        }
+        Ok(())
+    }
+
+    fn crystal_solid(&mut self, key: &str, frame: &CrystalFrame) -> Result<MeshSolid, RunError> {
+        let crystal = self.crystal(key, frame)?;
+        let mesh = crystal.solid(self.recipe, frame)?;
+        self.repaired(key, mesh, Path::new(&crystal.origin))
+    }
+
+    /// A mesh as a solid, with warnings of what was repaired.
+    fn repaired(&mut self, key: &str, mesh: TriMesh, path: &Path) -> Result<MeshSolid, RunError> {
+        let (solid, repairs) = MeshSolid::repaired(mesh).map_err(|e| hopeless(path, &e))?;
+        for repair in repairs {
+            self.warn(Warning::MESH, format!("{key}: {repair}"))?;
+        }
+        Ok(solid)
+    }
+
     /// Reads a mesh into the recipe's unit and frame, and makes a solid of it.
-    pub fn read_solid(&mut self, key: &str, file: &FileFrame) -> Result<MeshSolid, RunError> {
+    fn read_solid(&mut self, key: &str, file: &FileFrame) -> Result<MeshSolid, RunError> {
         let path = self.recipe.resolve(&file.path);
         let read = crate::io::read_mesh(&path)?;
         let own = file.unit.map(|u| u.0).or(read.unit);
@@ -43,11 +94,7 @@ impl<'a> Inputs<'a> {
         for warning in read.warnings {
             self.warn(Warning::MESH, format!("{key}: {warning}"))?;
         }
-        let (solid, repairs) = MeshSolid::repaired(mesh).map_err(|e| hopeless(&path, &e))?;
-        for repair in repairs {
-            self.warn(Warning::MESH, format!("{key}: {repair}"))?;
-        }
-        Ok(solid)
+        self.repaired(key, mesh, &path)
     }
 
     /// Notes an input for the report.

@@ -6,7 +6,9 @@ use super::report::{ScaffoldReport, Warning};
 use crate::frame::{Aabb, Vec3};
 use crate::io::{ElementFile, Group};
 use crate::mesh::MeshSolid;
-use crate::recipe::{BoxKind, BoxScaffold, FillKind, FillScaffold, ScaffoldSection, Scale};
+use crate::recipe::{
+    BoxKind, BoxScaffold, CrystalFrame, FillKind, FillScaffold, ScaffoldSection, Scale,
+};
 use crate::scaffold::{Connectivity, Divided, InvalidScaffold, Kind, Scaffold, ScaffoldError};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -120,7 +122,11 @@ fn source(inputs: &mut Inputs, section: &ScaffoldSection) -> Result<Raw, RunErro
         return made(Scaffold::ball(radius, cell).and_then(|s| moved(&s, |v| v + shift)));
     }
     if let Some(fill) = &section.fill {
-        let solid = Arc::new(inputs.read_solid("scaffold.fill.mesh", &fill.mesh)?);
+        let Some(surface) = fill.surface() else {
+            return Err(RunError::Empty("no mesh to fill".into()));
+        };
+        let key = format!("scaffold.fill.{}", surface.word());
+        let solid = Arc::new(inputs.solid(&key, surface)?);
         let scaffold = filled(&solid, fill, scale).map_err(|e| failed(None, &e))?;
         // The mesh cuts the cubes; tets end at it.
         let envelope = (fill.kind == FillKind::Hex).then_some(solid);
@@ -128,6 +134,9 @@ fn source(inputs: &mut Inputs, section: &ScaffoldSection) -> Result<Raw, RunErro
             envelope,
             ..Raw::plain(scaffold)
         });
+    }
+    if let (Some(frame), Some(shell)) = (&section.crystal, &section.shell) {
+        return crystal_shell(inputs, frame, shell.thickness.resolve(scale));
     }
     let Some(file) = &section.file else {
         return Err(RunError::Empty("no scaffold".into()));
@@ -194,6 +203,34 @@ fn source(inputs: &mut Inputs, section: &ScaffoldSection) -> Result<Raw, RunErro
     };
     inputs.record("scaffold.file", &path, raw.scaffold.bounds())?;
     Ok(raw)
+}
+
+/// The shell of a crystal's faces, which keep their groups.
+fn crystal_shell(
+    inputs: &mut Inputs,
+    frame: &CrystalFrame,
+    thickness: f64,
+) -> Result<Raw, RunError> {
+    let mesh = inputs.crystal("scaffold.crystal", frame)?.mesh;
+    let wrong = |message: String| RunError::Scaffold {
+        file: None,
+        element: None,
+        message: format!("crystal {}: {message}", frame.name),
+    };
+    let surface = mesh.surface().map_err(|e| wrong(e.to_string()))?;
+    let scaffold = surface.shell(thickness).map_err(|e| wrong(e.to_string()))?;
+    let groups = mesh.group_counts().into_keys().map(|group| {
+        let elements =
+            (0..mesh.face_count() as u32).filter(|&f| mesh.groups()[f as usize] == group);
+        Group {
+            name: format!("group{group}"),
+            elements: elements.collect(),
+        }
+    });
+    Ok(Raw {
+        groups: groups.collect(),
+        ..Raw::plain(scaffold)
+    })
 }
 
 /// Leaves out elements whose Jacobian changes its sign or vanishes, with a warning.

@@ -96,12 +96,13 @@ pub(super) fn operand<'a>(
 ) -> Shape<'a> {
     let point = |c: &[Length; 3]| Vec3::from(c.map(|l| l.resolve(scale)));
     match operand {
-        Operand::Mesh(_) => {
+        Operand::Mesh(_) | Operand::Crystal(_) => {
             let solid = stock.solid(key);
+            let word = operand.surface().map_or("solid", |s| s.word());
             Shape {
                 extent: solid.bounds(),
                 field: Box::new(Borrowed(solid)),
-                name: format!("the mesh of {key}"),
+                name: format!("the {word} of {key}"),
             }
         }
         Operand::Skin(skin) => {

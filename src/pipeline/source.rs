@@ -1,5 +1,6 @@
 //! Sources of cells: from the keys of a section to geometry in the reference frame of an element.
 
+use super::crystals::Crystal;
 use super::error::RunError;
 use super::fit_options::fit_options;
 use super::inputs::frame_map;
@@ -13,7 +14,7 @@ use crate::field::Formula;
 use crate::frame::{Aabb, Element, LengthUnit, Mat3, Vec3};
 use crate::io::{MeshFormat, Place, ReadError, TEXT_CLOUDS};
 use crate::mesh::{CloudSolid, TriMesh};
-use crate::recipe::{self, Brief, CellPlace, CellSection, FileFrame, FileRef, Short};
+use crate::recipe::{self, Brief, CellPlace, CellSection, FileFrame, FileRef, Recipe, Short};
 use crate::symmetry::GROUP_NAMES;
 use crate::vdb::{LevelSet, Session};
 use std::path::{Path, PathBuf};
@@ -54,6 +55,8 @@ pub(super) struct Found {
     pub warnings: Vec<Warning>,
     /// The file, its key and its box in reference coordinates.
     pub file: Option<(&'static str, PathBuf, Aabb)>,
+    /// The crystal and its box in reference coordinates.
+    pub crystal: Option<(Crystal, Aabb)>,
 }
 
 impl Found {
@@ -69,12 +72,18 @@ impl Found {
 /// Where sources are read.
 #[derive(Clone, Copy)]
 pub(super) struct Reader<'a> {
-    /// From a path of the section to one that can be opened.
-    pub resolve: &'a dyn Fn(&Path) -> PathBuf,
+    /// The recipe of the section; without one, paths begin in the working directory.
+    pub recipe: Option<&'a Recipe>,
     pub session: Session<'a>,
 }
 
 impl Reader<'_> {
+    /// A path of the section as one that can be opened.
+    fn resolve(&self, path: &Path) -> PathBuf {
+        self.recipe
+            .map_or_else(|| path.to_owned(), |r| r.resolve(path))
+    }
+
     /// The source that a section names, other than a surface, a file or a hybrid.
     pub fn source(
         &self,
@@ -91,8 +100,9 @@ impl Reader<'_> {
             recipe::Caps::Keep => Caps::Keep,
         };
         let mut file: Option<(&'static str, PathBuf)> = None;
+        let mut crystal = None;
         let mut open = |key: &'static str, f: &FileFrame| {
-            let path = (self.resolve)(&f.path);
+            let path = self.resolve(&f.path);
             file = Some((key, path.clone()));
             path
         };
@@ -144,6 +154,11 @@ impl Reader<'_> {
                 Skeleton::plates_of(element, &name, thickness.unwrap_or(THICKNESS))?
             };
             Source::skeleton(element, &skeleton, &place)?
+        } else if let (Some(frame), Some(recipe)) = (&section.crystal, self.recipe) {
+            let made = Crystal::make(recipe, frame).map_err(SourceFault::Run)?;
+            let mesh = made.solid(recipe, frame).map_err(SourceFault::Run)?;
+            crystal = Some(made);
+            Source::mesh(element, &mesh, &place, caps)?
         } else {
             let text = section.formula.as_deref().unwrap_or_default();
             let formula = Formula::parse(text, &["x", "y", "z"]).map_err(CellFault::from)?;
@@ -151,13 +166,12 @@ impl Reader<'_> {
         };
         let report = source.report();
         found.warn(Warning::MESH, source.warnings());
-        found.file = file.map(|(key, path)| {
-            let bounds = Aabb {
-                min: Vec3::from(report.box_min),
-                max: Vec3::from(report.box_max),
-            };
-            (key, path, bounds)
-        });
+        let bounds = Aabb {
+            min: Vec3::from(report.box_min),
+            max: Vec3::from(report.box_max),
+        };
+        found.file = file.map(|(key, path)| (key, path, bounds));
+        found.crystal = crystal.map(|c| (c, bounds));
         Ok(source)
     }
 
@@ -169,7 +183,7 @@ impl Reader<'_> {
         (element, file, mut options): (Element, &FileRef, FitOptions),
         found: &mut Found,
     ) -> Result<Cell, SourceFault> {
-        let path = (self.resolve)(&file.path);
+        let path = self.resolve(&file.path);
         let array = crate::io::read_npy(&path)?;
         if array.shape.len() != element.dimension() {
             let found = format!("an array of {} dimensions", array.shape.len());
@@ -204,7 +218,7 @@ impl Reader<'_> {
             return Ok(named_surface(wanted, element)?.named(name));
         }
         if let Some(file) = &section.file {
-            let path = (self.resolve)(&file.path);
+            let path = self.resolve(&file.path);
             let cell = crate::io::read_cell(&path)?;
             if cell.element() != element {
                 return Err(CellFault::Rule(format!(
@@ -247,7 +261,7 @@ impl Reader<'_> {
 impl Reader<'_> {
     /// The name of a group or its generators; those of a file if that is what the word names.
     fn group(&self, word: &str) -> Result<String, SourceFault> {
-        let path = (self.resolve)(Path::new(word));
+        let path = self.resolve(Path::new(word));
         if GROUP_NAMES.contains(&word) || word.contains(',') || !path.is_file() {
             return Ok(word.to_owned());
         }

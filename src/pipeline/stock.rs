@@ -11,7 +11,7 @@ use super::volumes::Volumes;
 use crate::field::{Intersection, WorldField};
 use crate::mesh::MeshSolid;
 use crate::progress::{Progress, Threads};
-use crate::recipe::{Boundary, Distance, FileFrame, Op, Operand, Recipe, Scale};
+use crate::recipe::{Boundary, Distance, Op, Operand, Recipe, Scale, SurfaceRef};
 use crate::tiling::{self, TiledSolid, TilingOptions};
 use crate::vdb::Session;
 use std::collections::BTreeMap;
@@ -56,20 +56,20 @@ impl<'a> Stock<'a> {
     }
 
     fn load_solids(&mut self) -> Result<(), RunError> {
-        let mut seen: Vec<(FileFrame, Arc<MeshSolid>)> = Vec::new();
+        let mut seen: Vec<(SurfaceRef, Arc<MeshSolid>)> = Vec::new();
         for (n, op) in self.recipe.sections().op.iter().enumerate() {
-            let name = op.name();
-            let (file, key) = match op.operand() {
-                Some(Operand::Mesh(file)) => (file, format!("op.{n}.{name}.mesh")),
-                Some(Operand::Skin(skin)) => (&skin.mesh, format!("op.{n}.{name}.skin.mesh")),
-                _ => continue,
+            let Some(surface) = op.operand().and_then(Operand::surface) else {
+                continue;
             };
-            let known = seen.iter().find(|(f, _)| *f == file.0);
+            let known = seen.iter().find(|(s, _)| *s == surface);
             let solid = if let Some((_, solid)) = known {
                 Arc::clone(solid)
             } else {
-                let solid = Arc::new(self.inputs.read_solid(&key, file)?);
-                seen.push((file.0.clone(), Arc::clone(&solid)));
+                let skin = matches!(op.operand(), Some(Operand::Skin(_)));
+                let path = if skin { ".skin" } else { "" };
+                let key = format!("op.{n}.{}{path}.{}", op.name(), surface.word());
+                let solid = Arc::new(self.inputs.solid(&key, surface)?);
+                seen.push((surface, Arc::clone(&solid)));
                 solid
             };
             self.solids.insert(format!("op.{n}"), solid);
@@ -96,11 +96,13 @@ impl<'a> Stock<'a> {
         Ok(())
     }
 
-    /// The first mesh that the solid is intersected with.
+    /// The first mesh or crystal that the solid is intersected with.
     fn envelope(&self) -> Option<&Arc<MeshSolid>> {
         let ops = &self.recipe.sections().op;
         ops.iter().enumerate().find_map(|(n, op)| match op {
-            Op::Intersect(Operand::Mesh(_)) => self.solids.get(&format!("op.{n}")),
+            Op::Intersect(Operand::Mesh(_) | Operand::Crystal(_)) => {
+                self.solids.get(&format!("op.{n}"))
+            }
             _ => None,
         })
     }

@@ -1,5 +1,6 @@
 //! `[cell.NAME]`: where a unit cell comes from and how it is fitted, levelled and placed.
 
+use super::crystal::CrystalRef;
 use super::file::{FileRef, Similarity};
 use super::fit::{FitMethod, Solver, Symmetrise};
 use super::hybrid::{Ingredient, Surroundings};
@@ -13,7 +14,7 @@ use std::fmt;
 use std::str::FromStr;
 
 /// One unit cell of the palette. Exactly one of `mesh`, `points`, `voxels`, `surface`, `formula`, `graph`,
-/// `plates`, `file`, `average`, `union`, `intersection`, `difference`, `minkowski_sum` and
+/// `plates`, `crystal`, `file`, `average`, `union`, `intersection`, `difference`, `minkowski_sum` and
 /// `minkowski_difference` is its source; at most one of `level`, `volume_fraction` and `thickness` sets
 /// its level.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
@@ -45,6 +46,9 @@ pub struct CellSection {
     /// Plates: `face_plates`, `sc_plates`, `bcc_plates`, `fcc_plates`, or a file as for graph.
     #[cfg_attr(feature = "cli", arg(skip))]
     pub plates: Option<FileRef>,
+    /// A crystal of the recipe, in the element's reference coordinates.
+    #[cfg_attr(feature = "cli", arg(skip))]
+    pub crystal: Option<CrystalRef>,
     /// A saved `.cell` file.
     #[cfg_attr(feature = "cli", arg(skip))]
     pub file: Option<FileRef>,
@@ -324,6 +328,7 @@ impl CellSection {
             ("formula", self.formula.is_some()),
             ("graph", self.graph.is_some()),
             ("plates", self.plates.is_some()),
+            ("crystal", self.crystal.is_some()),
             ("file", self.file.is_some()),
             ("average", self.average.is_some()),
             ("union", self.union.is_some()),

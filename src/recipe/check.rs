@@ -8,7 +8,6 @@ use super::quantity::{Length, Scale, Width};
 use super::source::Source;
 use super::{CellSection, FileRef, ScaffoldSection, Sections, Solid, TilingSection, VERSION};
 use crate::frame::{LengthUnit, Transform};
-use crate::polymesh::Script;
 
 /// Cells that one tiling may blend.
 const MOST_CELLS: usize = 8;
@@ -26,7 +25,7 @@ pub(super) fn check(sections: &Sections, source: &Source) -> Checked {
             .hint("this program reads recipes that begin with druse = 1"));
     }
     cells(sections, source)?;
-    crystals(sections, source)?;
+    super::crystal::check(sections, source)?;
     scaffold(sections, source)?;
     if let Length::Voxels(_) = sections.band.voxel_size.0 {
         return Err(source.fault(
@@ -58,7 +57,7 @@ fn cells(sections: &Sections, source: &Source) -> Checked {
                 &key,
                 format!(
                     "{key} needs exactly one source of mesh, points, voxels, surface, formula, graph, \
-                     plates, file, average, union, intersection, difference, minkowski_sum, \
+                     plates, crystal, file, average, union, intersection, difference, minkowski_sum, \
                      minkowski_difference; found {found}"
                 ),
             ));
@@ -113,32 +112,6 @@ fn parts(cell: &CellSection, key: &str, source: &Source) -> Checked {
     Ok(())
 }
 
-fn crystals(sections: &Sections, source: &Source) -> Checked {
-    for (name, crystal) in &sections.crystal {
-        let key = format!("crystal.{name}");
-        let script = match (&crystal.steps, &crystal.file) {
-            (Some(steps), None) => Script::parse(steps),
-            (None, Some(_)) => continue,
-            (steps, _) => {
-                let found = if steps.is_some() { "both" } else { "none" };
-                let message = format!("{key} needs exactly one of steps, file; found {found}");
-                return Err(source.fault(&key, message));
-            }
-        };
-        if let Err(e) = script {
-            let error = source.fault(
-                &format!("{key}.steps"),
-                format!("steps, line {}: {}", e.line, e.message),
-            );
-            return Err(match e.hint {
-                Some(hint) => error.hint(hint),
-                None => error,
-            });
-        }
-    }
-    Ok(())
-}
-
 fn scaffold(sections: &Sections, source: &Source) -> Checked {
     match (&sections.scaffold, &sections.tiling) {
         (None, None) => Ok(()),
@@ -159,7 +132,7 @@ fn scaffold(sections: &Sections, source: &Source) -> Checked {
                 return Err(source.fault(
                     "scaffold",
                     format!(
-                        "[scaffold] needs exactly one of file, box, cylinder, sphere, fill; found {found}"
+                        "[scaffold] needs exactly one of file, box, cylinder, sphere, fill, crystal; found {found}"
                     ),
                 ));
             }
@@ -270,11 +243,20 @@ fn scaffold_keys(scaffold: &ScaffoldSection, source: &Source) -> Checked {
     for (key, length) in lengths {
         no_voxels(length, key, source)?;
     }
-    if scaffold.file.is_none() && (scaffold.shell.is_some() || scaffold.plate.is_some()) {
+    let surface = scaffold.file.is_some() || scaffold.crystal.is_some();
+    if !surface && (scaffold.shell.is_some() || scaffold.plate.is_some()) {
         return Err(source.fault(
             "scaffold",
-            "shell and plate belong to a surface: expected file beside them",
+            "shell and plate belong to a surface: expected file or crystal beside them",
         ));
+    }
+    if scaffold.crystal.is_some() && scaffold.shell.is_none() {
+        return Err(source
+            .fault(
+                "scaffold.crystal",
+                "a crystal is a surface; expected its thickness: shell = { thickness = ... }",
+            )
+            .hint("fill = { crystal = NAME, cell_size = ... } fills its inside"));
     }
     if scaffold.shell.is_some() && scaffold.plate.is_some() {
         return Err(source.fault(

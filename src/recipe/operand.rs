@@ -1,5 +1,6 @@
 //! Solids that an operation combines with, and grids that say where it acts.
 
+use super::crystal::{CrystalRef, SurfaceRef};
 use super::file::{FileRef, Similarity};
 use super::quantity::{Finite, Length, Size, Unit};
 use super::{Brief, Short};
@@ -13,7 +14,9 @@ use std::path::PathBuf;
 pub enum Operand {
     /// The inside of a closed mesh.
     Mesh(FileRef),
-    /// A wall along a closed mesh.
+    /// The inside of a crystal of the recipe.
+    Crystal(CrystalRef),
+    /// A wall along a closed mesh or crystal.
     Skin(Skin),
     /// A grid of an OpenVDB file: a level set, or the part of a fog above a value.
     Vdb(Brief<Grid>),
@@ -29,12 +32,26 @@ pub enum Operand {
     Plane(Plane),
 }
 
-/// A wall along a closed mesh.
+impl Operand {
+    /// The surface that bounds it or that it follows, for those that have one.
+    pub fn surface(&self) -> Option<SurfaceRef<'_>> {
+        match self {
+            Self::Mesh(file) => Some(SurfaceRef::Mesh(file)),
+            Self::Crystal(crystal) => Some(SurfaceRef::Crystal(crystal)),
+            Self::Skin(skin) => SurfaceRef::of(skin.mesh.as_ref(), skin.crystal.as_ref()),
+            _ => None,
+        }
+    }
+}
+
+/// A wall along a closed mesh or crystal: exactly one of `mesh` and `crystal`.
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Skin {
     /// The mesh.
-    pub mesh: FileRef,
+    pub mesh: Option<FileRef>,
+    /// The crystal.
+    pub crystal: Option<CrystalRef>,
     /// Full thickness of the wall.
     pub thickness: Size,
     /// On which side of the mesh the wall lies.

@@ -1,12 +1,13 @@
 //! `[scaffold]` and `[band]`: what is filled, and how finely it is sampled.
 
+use super::crystal::{CrystalRef, SurfaceRef};
 use super::file::FileRef;
 use super::quantity::{HalfWidth, Length, Size};
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-/// `[scaffold]`: the mesh whose elements are filled. Exactly one of `file`, `box`, `cylinder`, `sphere`
-/// and `fill`.
+/// `[scaffold]`: the mesh whose elements are filled. Exactly one of `file`, `box`, `cylinder`, `sphere`,
+/// `fill` and `crystal`.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ScaffoldSection {
@@ -22,6 +23,9 @@ pub struct ScaffoldSection {
     pub sphere: Option<SphereScaffold>,
     /// A closed mesh filled with hexes or tets, made here.
     pub fill: Option<FillScaffold>,
+    /// A crystal of triangles and quads as a surface, with `shell`; its face groups are the element groups
+    /// `group1`, `group2`, ...
+    pub crystal: Option<CrystalRef>,
     /// Gives a surface a thickness along its normals.
     pub shell: Option<Shell>,
     /// Extrudes a planar mesh along z.
@@ -47,6 +51,7 @@ impl ScaffoldSection {
             ("cylinder", self.cylinder.is_some()),
             ("sphere", self.sphere.is_some()),
             ("fill", self.fill.is_some()),
+            ("crystal", self.crystal.is_some()),
         ];
         given.into_iter().filter(|g| g.1).map(|g| g.0).collect()
     }
@@ -82,17 +87,26 @@ pub struct SphereScaffold {
     pub centre: [Length; 3],
 }
 
-/// A closed mesh filled without a mesher.
+/// A closed mesh or crystal filled without a mesher: exactly one of `mesh` and `crystal`.
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct FillScaffold {
     /// The closed mesh.
-    pub mesh: FileRef,
+    pub mesh: Option<FileRef>,
+    /// The crystal.
+    pub crystal: Option<CrystalRef>,
     /// Edge of a hex or tet.
     pub cell_size: Size,
     /// "hex": a grid of cubes, which the mesh cuts; "tet": tets that fit the mesh.
     #[serde(default)]
     pub kind: FillKind,
+}
+
+impl FillScaffold {
+    /// What is filled.
+    pub fn surface(&self) -> Option<SurfaceRef<'_>> {
+        SurfaceRef::of(self.mesh.as_ref(), self.crystal.as_ref())
+    }
 }
 
 /// What a closed mesh is filled with.

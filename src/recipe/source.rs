@@ -5,6 +5,7 @@
 //! errors there name the override instead of a line.
 
 use super::error::{Place, RecipeError};
+use crate::polymesh::ScriptError;
 use serde::de::DeserializeOwned;
 use serde_spanned::Spanned;
 use std::collections::BTreeMap;
@@ -80,6 +81,15 @@ impl Source {
             place: self.place_of(key),
             key: Some(key.into()),
             ..RecipeError::invalid(self.path.as_deref(), message)
+        }
+    }
+
+    /// An error about a step of the script that a key holds.
+    pub fn step_fault(&self, key: &str, e: &ScriptError) -> RecipeError {
+        let error = self.fault(key, format!("steps, line {}: {}", e.line, e.message));
+        match &e.hint {
+            Some(hint) => error.hint(hint.as_str()),
+            None => error,
         }
     }
 

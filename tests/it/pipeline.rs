@@ -1,5 +1,6 @@
 //! Whole runs against closed forms and laws.
 
+mod crystals;
 mod scaffolds;
 
 use druse::mesh;

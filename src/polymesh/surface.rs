@@ -1,0 +1,51 @@
+//! Faces as the elements of a surface scaffold.
+
+use super::PolyMesh;
+use crate::scaffold::{Connectivity, Kind, ScaffoldError, Surface};
+
+/// Why faces are no elements.
+#[derive(Debug, thiserror::Error)]
+pub enum SurfaceError {
+    /// A face of too many corners.
+    #[error(
+        "face {face} (group {group}) has {corners} corners; expected triangles and quads only: \
+         remesh triangulate, stellate or linear_vertex makes such"
+    )]
+    Corners {
+        /// The face.
+        face: usize,
+        /// Its group.
+        group: u32,
+        /// Its corners.
+        corners: usize,
+    },
+    /// What elements may not be.
+    #[error(transparent)]
+    Scaffold(#[from] ScaffoldError),
+}
+
+impl PolyMesh {
+    /// The triangles and quads as elements in the order of the faces, each from its start vertex.
+    ///
+    /// # Errors
+    /// [`SurfaceError`] names the first face with more corners.
+    pub fn surface(&self) -> Result<Surface, SurfaceError> {
+        let mut elements = Connectivity::default();
+        for (face, own) in self.faces().iter().enumerate() {
+            let kind = match own.len() {
+                3 => Kind::Tri3,
+                4 => Kind::Quad4,
+                corners => {
+                    let group = self.groups()[face];
+                    return Err(SurfaceError::Corners {
+                        face,
+                        group,
+                        corners,
+                    });
+                }
+            };
+            elements.push(kind, own);
+        }
+        Ok(Surface::new(self.vertices().to_vec(), elements)?)
+    }
+}
