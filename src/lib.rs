@@ -33,6 +33,7 @@ pub mod polymesh;
 pub mod progress;
 pub mod recipe;
 pub mod scaffold;
+mod sets;
 pub mod slice;
 pub mod symmetry;
 pub mod tiling;

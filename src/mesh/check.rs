@@ -12,6 +12,7 @@ use super::intersect::{is_flat, meeting_pairs};
 use super::soup::Soup;
 use crate::frame::{Aabb, Vec3};
 use crate::progress::{Cancelled, Progress, Silent};
+use crate::sets::Sets;
 use rayon::prelude::*;
 use std::fmt;
 
@@ -272,38 +273,16 @@ impl Edges {
     }
 }
 
-/// Sets that can be joined, by number.
-struct Sets(Vec<u32>);
-
-impl Sets {
-    fn new(count: usize) -> Self {
-        Self((0..count as u32).collect())
-    }
-
-    fn find(&mut self, mut i: u32) -> u32 {
-        while self.0[i as usize] != i {
-            let up = self.0[self.0[i as usize] as usize];
-            self.0[i as usize] = up;
-            i = up;
-        }
-        i
-    }
-
-    fn join(&mut self, a: u32, b: u32) {
-        let (a, b) = (self.find(a), self.find(b));
-        self.0[a.max(b) as usize] = a.min(b);
-    }
-}
-
 /// How many pieces share no vertex; every vertex of a merged mesh is in use.
 fn components(mesh: &TriMesh) -> usize {
     let mut sets = Sets::new(mesh.vertices().len());
-    for &[a, b, c] in mesh.triangles() {
+    for tri in mesh.triangles() {
+        let [a, b, c] = tri.map(|v| v as usize);
         sets.join(a, b);
         sets.join(b, c);
     }
-    (0..mesh.vertices().len() as u32)
-        .filter(|&v| sets.find(v) == v)
+    (0..mesh.vertices().len())
+        .filter(|&v| sets.root(v) == v)
         .count()
 }
 
@@ -315,7 +294,7 @@ fn pinches(mesh: &TriMesh, edges: &Edges, finding: &mut Finding) {
             .iter()
             .position(|&w| w == v)
             .unwrap_or(0);
-        3 * t + place as u32
+        3 * t as usize + place
     };
     let mut fans = Sets::new(3 * triangles.len());
     for edge in edges.groups() {
@@ -327,19 +306,19 @@ fn pinches(mesh: &TriMesh, edges: &Edges, finding: &mut Finding) {
         }
     }
     // The first fan seen at each vertex; triangles that collapsed have no fan of their own.
-    let mut fan = vec![u32::MAX; mesh.vertices().len()];
+    let mut fan = vec![usize::MAX; mesh.vertices().len()];
     let mut pinched = vec![false; mesh.vertices().len()];
     for (t, tri) in triangles.iter().enumerate() {
         if tri[0] == tri[1] || tri[1] == tri[2] || tri[2] == tri[0] {
             continue;
         }
         for (k, &v) in tri.iter().enumerate() {
-            let (mine, v) = (fans.find((3 * t + k) as u32), v as usize);
-            if fan[v] == u32::MAX {
+            let (mine, v) = (fans.root(3 * t + k), v as usize);
+            if fan[v] == usize::MAX {
                 fan[v] = mine;
             } else if fan[v] != mine && !pinched[v] {
                 pinched[v] = true;
-                let triangles = vec![fan[v] / 3, t as u32];
+                let triangles = vec![(fan[v] / 3) as u32, t as u32];
                 finding.add(|| Defect {
                     at: mesh.vertices()[v],
                     triangles,

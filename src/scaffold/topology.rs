@@ -4,6 +4,7 @@
 //! mesh; where they do not, the face is torn and the report says so.
 
 use super::{Connectivity, Scaffold};
+use crate::sets::Sets;
 
 /// A face of an element.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -76,7 +77,7 @@ impl Topology {
         let mut sets = Sets::new(elements.len());
         for group in faces.chunk_by(|a, b| a.0 == b.0) {
             for pair in group.windows(2) {
-                sets.join(pair[0].1.element, pair[1].1.element);
+                sets.join(pair[0].1.element as usize, pair[1].1.element as usize);
             }
             match group {
                 [_] => {}
@@ -94,7 +95,12 @@ impl Topology {
             }
         }
         topology.crowded.sort_unstable();
-        (topology.component_of, topology.components) = sets.numbered();
+        let (component_of, count) = sets.numbered(0..elements.len());
+        topology.components = vec![Vec::new(); count];
+        for (e, &component) in component_of.iter().enumerate() {
+            topology.components[component as usize].push(e as u32);
+        }
+        topology.component_of = component_of;
         topology
     }
 
@@ -105,45 +111,6 @@ impl Topology {
 
     fn get(&self, f: FaceRef) -> Neighbour {
         self.neighbours[self.starts[f.element as usize] as usize + f.face as usize]
-    }
-}
-
-/// Disjoint sets; the least member represents each.
-struct Sets(Vec<u32>);
-
-impl Sets {
-    fn new(count: usize) -> Self {
-        Self((0..count as u32).collect())
-    }
-
-    fn root(&mut self, mut i: u32) -> u32 {
-        while self.0[i as usize] != i {
-            let above = self.0[self.0[i as usize] as usize];
-            self.0[i as usize] = above;
-            i = above;
-        }
-        i
-    }
-
-    fn join(&mut self, a: u32, b: u32) {
-        let (a, b) = (self.root(a), self.root(b));
-        self.0[a.max(b) as usize] = a.min(b);
-    }
-
-    /// The set of each item, and each set's members; sets in order of their least member.
-    fn numbered(mut self) -> (Vec<u32>, Vec<Vec<u32>>) {
-        let mut number = vec![0; self.0.len()];
-        let mut sets: Vec<Vec<u32>> = Vec::new();
-        for i in 0..self.0.len() as u32 {
-            let root = self.root(i);
-            if root == i {
-                number[i as usize] = sets.len() as u32;
-                sets.push(Vec::new());
-            }
-            number[i as usize] = number[root as usize];
-            sets[number[i as usize] as usize].push(i);
-        }
-        (number, sets)
     }
 }
 

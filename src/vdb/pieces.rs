@@ -11,6 +11,7 @@ use super::leaves::LeafView;
 use super::{LevelSet, Session, VdbError};
 use crate::frame::Coord;
 use crate::progress::Cancelled;
+use crate::sets::Sets;
 use rayon::prelude::*;
 use std::cmp::Reverse;
 
@@ -274,29 +275,6 @@ fn join_tiles(index: &LeafIndex<'_>, side: Side, tiles_from: usize, sets: &mut S
                 Holder::Nothing | Holder::Leaf(_) => {}
             }
         }
-    }
-}
-
-/// Disjoint sets; the representative is the least member, so nothing depends on order.
-struct Sets(Vec<usize>);
-
-impl Sets {
-    fn new(count: usize) -> Self {
-        Self((0..count).collect())
-    }
-
-    fn root(&mut self, mut n: usize) -> usize {
-        while self.0[n] != n {
-            self.0[n] = self.0[self.0[n]];
-            n = self.0[n];
-        }
-        n
-    }
-
-    fn join(&mut self, a: usize, b: usize) {
-        let (a, b) = (self.root(a), self.root(b));
-        let (least, other) = (a.min(b), a.max(b));
-        self.0[other] = least;
     }
 }
 

@@ -4,15 +4,19 @@ use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Modules and what each may use; `progress` and `frame` use nothing.
+/// Modules and what each may use; `progress`, `frame` and `sets` use nothing.
 const MAY_USE: &[(&str, &[&str])] = &[
     ("frame", &[]),
     ("progress", &[]),
+    ("sets", &[]),
     ("field", &["frame"]),
-    ("mesh", &["frame", "field", "progress"]),
+    ("mesh", &["frame", "field", "progress", "sets"]),
     ("symmetry", &[]),
-    ("cell", &["symmetry", "field", "mesh", "frame", "progress"]),
-    ("scaffold", &["frame", "mesh", "progress"]),
+    (
+        "cell",
+        &["symmetry", "field", "mesh", "frame", "progress", "sets"],
+    ),
+    ("scaffold", &["frame", "mesh", "progress", "sets"]),
     ("tiling", &["cell", "scaffold", "field", "frame", "mesh"]),
     (
         "polymesh",
@@ -20,7 +24,10 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ),
     ("band", &["field", "frame", "progress"]),
     ("slice", &["field", "frame"]),
-    ("vdb", &["frame", "field", "mesh", "band", "progress"]),
+    (
+        "vdb",
+        &["frame", "field", "mesh", "band", "progress", "sets"],
+    ),
     ("io", &["mesh", "scaffold", "cell", "frame", "polymesh"]),
     (
         "recipe",

@@ -10,47 +10,11 @@ use super::sampling::Target;
 use crate::cell::Cell;
 use crate::field::Field;
 use crate::frame::Vec3;
+use crate::sets::Sets;
 use rayon::prelude::*;
 
 /// Parts per edge of the simplex: features thinner than a fortieth of the element are not seen.
 const PARTS: usize = 40;
-
-/// Disjoint sets with path halving.
-struct Sets(Vec<usize>);
-
-impl Sets {
-    fn new(n: usize) -> Self {
-        Self((0..n).collect())
-    }
-
-    fn root(&mut self, mut i: usize) -> usize {
-        while self.0[i] != i {
-            self.0[i] = self.0[self.0[i]];
-            i = self.0[i];
-        }
-        i
-    }
-
-    fn join(&mut self, i: usize, j: usize) {
-        let (i, j) = (self.root(i), self.root(j));
-        self.0[i.max(j)] = i.min(j);
-    }
-
-    /// Numbers the sets that hold a member of `among` from 0 on.
-    fn numbered(&mut self, among: impl Iterator<Item = usize>) -> (Vec<usize>, usize) {
-        let mut number = vec![usize::MAX; self.0.len()];
-        let mut count = 0;
-        for i in among {
-            let root = self.root(i);
-            if number[root] == usize::MAX {
-                number[root] = count;
-                count += 1;
-            }
-            number[i] = number[root];
-        }
-        (number, count)
-    }
-}
 
 /// A flag of the element: the one of the domain that it is an image of, and its neighbours across
 /// the facets that leave out one corner.
@@ -93,7 +57,7 @@ fn members(cell: &Cell, domain: &Domain) -> Vec<Member> {
 fn count(inside: &[Vec<bool>], members: &[Member], planar: bool) -> usize {
     let grid = SimplexGrid::new(PARTS);
     // The pieces of each flag of the domain.
-    let local: Vec<(Vec<usize>, usize)> = inside
+    let local: Vec<(Vec<u32>, usize)> = inside
         .iter()
         .map(|inside| {
             let mut sets = Sets::new(inside.len());
@@ -132,8 +96,8 @@ fn count(inside: &[Vec<bool>], members: &[Member], planar: bool) -> usize {
                             continue;
                         };
                         let (a, b) = (local[m.origin].0[n], local[members[other].origin].0[n]);
-                        if a != usize::MAX && b != usize::MAX {
-                            whole.join(first[own] + a, first[other] + b);
+                        if a != u32::MAX && b != u32::MAX {
+                            whole.join(first[own] + a as usize, first[other] + b as usize);
                         }
                     }
                 }
