@@ -41,6 +41,7 @@ use crate::frame::{CellBox, CellPoint, Element, Mat3, Vec3};
 use crate::symmetry::{Lattice, PointGroup};
 use std::sync::{Arc, OnceLock};
 
+mod constraint;
 mod domain;
 pub mod edt;
 mod error;
@@ -59,6 +60,7 @@ mod surface;
 mod table;
 mod thickness;
 mod wave;
+pub use constraint::Constraint;
 pub use error::CellError;
 pub use file::CellTextError;
 pub use fit::{

@@ -14,16 +14,14 @@
 //! the coefficients of a fit over the element afterwards spoils it; the projection is meant for
 //! coefficients of a Fourier transform over the period, where it is the nearest function.
 
-use super::Series;
+use super::{Constraint, Series};
 use crate::field::Field;
 use crate::frame::{CellPoint, Element};
 use crate::symmetry::Basis;
-use nalgebra::{DMatrix, DVector, SMatrix, SVector};
+use nalgebra::{DVector, SMatrix, SVector};
 use std::collections::BTreeMap;
 use std::f64::consts::{FRAC_1_SQRT_2, TAU};
 
-/// Rows below this share of the largest are dependent.
-const RANK_TOLERANCE: f64 = 1e-9;
 /// Steps per unit of frequency that tell two projections apart.
 const RESOLUTION: f64 = 1e6;
 
@@ -48,92 +46,25 @@ pub fn walls<const D: usize>(element: Element) -> Vec<Wall<D>> {
         .collect()
 }
 
-/// The equations A a = 0, and an orthonormal basis of what they forbid.
-#[derive(Clone, Debug)]
-pub struct FaceNormal {
-    /// One equation per row, of unit length, on the real orthonormal coefficients.
-    rows: DMatrix<f64>,
-    /// Orthonormal columns that span the rows.
-    span: DMatrix<f64>,
-}
-
-impl FaceNormal {
-    /// The equations of an element for a basis.
-    pub fn new<const D: usize>(basis: &Basis<D>, element: Element) -> Self {
-        let operators = basis.group().cartesian(basis.lattice());
-        let mut chosen: Vec<Wall<D>> = Vec::new();
-        for wall in walls(element) {
-            let image = |w: &Wall<D>| {
-                operators
-                    .iter()
-                    .any(|q| (q * w.normal - wall.normal).norm() < 1e-9)
-            };
-            if !chosen.iter().any(image) {
-                chosen.push(wall);
-            }
-        }
-        let mut rows = Vec::new();
-        for wall in &chosen {
-            rows.extend(wall_rows(basis, wall, &operators));
-        }
-        Self::from_rows(&rows, basis.len())
-    }
-
-    fn from_rows(rows: &[DVector<f64>], unknowns: usize) -> Self {
-        let matrix = DMatrix::from_fn(rows.len(), unknowns, |i, j| rows[i][j]);
-        Self {
-            span: row_space(&matrix),
-            rows: matrix,
+/// The equations of an element for a basis.
+pub fn equations<const D: usize>(basis: &Basis<D>, element: Element) -> Constraint {
+    let operators = basis.group().cartesian(basis.lattice());
+    let mut chosen: Vec<Wall<D>> = Vec::new();
+    for wall in walls(element) {
+        let image = |w: &Wall<D>| {
+            operators
+                .iter()
+                .any(|q| (q * w.normal - wall.normal).norm() < 1e-9)
+        };
+        if !chosen.iter().any(image) {
+            chosen.push(wall);
         }
     }
-
-    /// Number of independent equations.
-    pub fn rank(&self) -> usize {
-        self.span.ncols()
+    let mut rows = Vec::new();
+    for wall in &chosen {
+        rows.extend(wall_rows(basis, wall, &operators));
     }
-
-    /// The equations for some of the unknowns alone, the others being zero.
-    #[must_use]
-    pub fn restricted(&self, kept: &[usize]) -> Self {
-        self.reduced(kept.len(), |row| {
-            DVector::from_iterator(kept.len(), kept.iter().map(|&j| row[j]))
-        })
-    }
-
-    /// The equations for all unknowns of which only some may differ from zero.
-    #[must_use]
-    pub fn masked(&self, kept: &[bool]) -> Self {
-        self.reduced(kept.len(), |row| {
-            DVector::from_fn(kept.len(), |j, _| if kept[j] { row[j] } else { 0.0 })
-        })
-    }
-
-    fn reduced(&self, unknowns: usize, reduce: impl Fn(&DVector<f64>) -> DVector<f64>) -> Self {
-        let rows: Vec<DVector<f64>> = self
-            .rows
-            .row_iter()
-            .map(|row| reduce(&row.transpose()))
-            .filter(|row| row.norm() > RANK_TOLERANCE)
-            .map(|row| row.normalize())
-            .collect();
-        Self::from_rows(&rows, unknowns)
-    }
-
-    /// Orthonormal columns that span the rows of A.
-    pub(super) fn span(&self) -> &DMatrix<f64> {
-        &self.span
-    }
-
-    /// The nearest coefficients that fulfil the equations: a - A^+ A a.
-    pub fn project(&self, real: &mut [f64]) {
-        let mut a = DVector::from_column_slice(real);
-        // Twice, so that the rounding of the first is taken off too.
-        for _ in 0..2 {
-            let share = self.span.tr_mul(&a);
-            a.gemv(-1.0, &self.span, &share, 1.0);
-        }
-        real.copy_from_slice(a.as_slice());
-    }
+    Constraint::new(&rows, basis.len())
 }
 
 /// Equations of one wall: the real and imaginary part of one row per projection.
@@ -142,14 +73,10 @@ fn wall_rows<const D: usize>(
     wall: &Wall<D>,
     operators: &[SMatrix<f64, D, D>],
 ) -> Vec<DVector<f64>> {
-    let foot = wall.normal * wall.offset;
     let keepers: Vec<&SMatrix<f64, D, D>> = operators
         .iter()
         .filter(|q| (*q * wall.normal - wall.normal).norm() < 1e-9)
         .collect();
-    let key = |p: SVector<f64, D>| -> [i64; D] {
-        std::array::from_fn(|a| (p[a] * RESOLUTION).round() as i64)
-    };
     // Whether p is the greatest of its images and their opposites.
     let greatest = |p: SVector<f64, D>| {
         let own = key(p);
@@ -158,7 +85,35 @@ fn wall_rows<const D: usize>(
             key(image) <= own && key(-image) <= own
         })
     };
-    let mut rows: BTreeMap<[i64; D], [DVector<f64>; 2]> = BTreeMap::new();
+    let rows = projected(
+        basis,
+        wall.normal,
+        wall.normal * wall.offset,
+        |slope| (slope.abs() > 1e-12).then_some((0.0, TAU * slope)),
+        greatest,
+    );
+    rows.into_values().flat_map(|(_, rows)| rows).collect()
+}
+
+/// A projection of frequencies onto a plane, rounded.
+pub(super) type ProjectionKey<const D: usize> = [i64; D];
+
+/// The name of a projection.
+pub(super) fn key<const D: usize>(p: SVector<f64, D>) -> ProjectionKey<D> {
+    std::array::from_fn(|a| (p[a] * RESOLUTION).round() as i64)
+}
+
+/// For every in-plane projection p of the frequencies that is wanted: the sum over the f with that
+/// projection of factor(f.n) exp(2 pi i f.foot) C as a real and an imaginary row on the real
+/// orthonormal coefficients. Factors are complex; frequencies without one do not count.
+pub(super) fn projected<const D: usize>(
+    basis: &Basis<D>,
+    normal: SVector<f64, D>,
+    foot: SVector<f64, D>,
+    factor: impl Fn(f64) -> Option<(f64, f64)>,
+    wanted: impl Fn(SVector<f64, D>) -> bool,
+) -> BTreeMap<ProjectionKey<D>, (SVector<f64, D>, [DVector<f64>; 2])> {
+    let mut rows = BTreeMap::new();
     let n = basis.len();
     let mut column = 0;
     for h in basis.harmonics() {
@@ -169,18 +124,17 @@ fn wall_rows<const D: usize>(
                     continue;
                 }
                 let f = f * sign;
-                let slope = f.dot(&wall.normal);
-                let p = f - wall.normal * slope;
-                if slope.abs() < 1e-12 || !greatest(p) {
+                let slope = f.dot(&normal);
+                let p = f - normal * slope;
+                let Some(by) = factor(slope).filter(|_| wanted(p)) else {
                     continue;
-                }
-                let [re, im] = rows
+                };
+                let (_, [re, im]) = rows
                     .entry(key(p))
-                    .or_insert_with(|| [DVector::zeros(n), DVector::zeros(n)]);
-                // 2 pi i (f.n) exp(2 pi i f.x0), times C of the real unknowns.
+                    .or_insert_with(|| (p, [DVector::zeros(n), DVector::zeros(n)]));
                 let (s, c) = (TAU * f.dot(&foot)).sin_cos();
-                let size = TAU * slope * h.scale;
-                let w = (-size * s, size * c);
+                let w = (by.0 * c - by.1 * s, by.0 * s + by.1 * c);
+                let w = (w.0 * h.scale, w.1 * h.scale);
                 if h.self_paired {
                     re[column] += w.0;
                     im[column] += w.1;
@@ -196,47 +150,7 @@ fn wall_rows<const D: usize>(
         }
         column += h.functions();
     }
-    let all: Vec<DVector<f64>> = rows.into_values().flatten().collect();
-    let largest = all.iter().map(DVector::norm).fold(0.0, f64::max);
-    all.into_iter()
-        .filter(|row| row.norm() > RANK_TOLERANCE * largest.max(1.0))
-        .map(|row| row.normalize())
-        .collect()
-}
-
-/// An orthonormal basis of the row space, by Gram and Schmidt with the largest remainder first.
-fn row_space(rows: &DMatrix<f64>) -> DMatrix<f64> {
-    let mut rest: Vec<DVector<f64>> = rows.row_iter().map(|r| r.transpose()).collect();
-    let mut found: Vec<DVector<f64>> = Vec::new();
-    while !rest.is_empty() {
-        let largest = (0..rest.len()).fold(0, |m, i| {
-            if rest[i].norm_squared() > rest[m].norm_squared() {
-                i
-            } else {
-                m
-            }
-        });
-        if rest[largest].norm() < RANK_TOLERANCE {
-            break;
-        }
-        let mut next = rest.swap_remove(largest).normalize();
-        // Once more against all, since the remainder may have been small.
-        for v in &found {
-            let share = v.dot(&next);
-            next.axpy(-share, v, 1.0);
-        }
-        next.normalize_mut();
-        for row in &mut rest {
-            let share = next.dot(row);
-            row.axpy(-share, &next, 1.0);
-        }
-        found.push(next);
-    }
-    if found.is_empty() {
-        DMatrix::zeros(rows.ncols(), 0)
-    } else {
-        DMatrix::from_columns(&found)
-    }
+    rows
 }
 
 /// Greatest |n . grad Phi| over points of the walls of an element.

@@ -6,7 +6,7 @@
 //! memory grows with the grid, not with the square of the unknowns. The constraint of face-normal cells
 //! is kept by projecting every residual.
 
-use super::super::face_normal::FaceNormal;
+use super::super::Constraint;
 use super::FitError;
 use super::grid::GridSample;
 use super::transform::{Spectrum, Transform};
@@ -30,7 +30,7 @@ struct Form<'a, const D: usize> {
     weights: Vec<f64>,
     /// regularisation (1 + |f|^2) of every unknown.
     penalty: Vec<f64>,
-    constraint: Option<&'a FaceNormal>,
+    constraint: Option<&'a Constraint>,
     /// Unknowns that may differ from zero; empty if all may.
     kept: &'a [bool],
 }
@@ -105,7 +105,7 @@ pub(super) fn conjugate_gradients<const D: usize>(
     n: usize,
     samples: &[GridSample<D>],
     regularisation: f64,
-    constraint: Option<&FaceNormal>,
+    constraint: Option<&Constraint>,
     kept: &[bool],
     progress: &dyn Progress,
 ) -> Result<(Vec<f64>, usize), FitError> {

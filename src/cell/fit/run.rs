@@ -1,8 +1,8 @@
 //! One fit at one band limit: samples, coefficients, report.
 
 use super::super::domain::Domain;
-use super::super::face_normal::{self, FaceNormal};
 use super::super::pairing;
+use super::super::{Constraint, face_normal};
 use super::extension::Extension;
 use super::grid::{grid_samples, grid_size};
 use super::iterative::conjugate_gradients;
@@ -96,7 +96,7 @@ impl Job<'_> {
         }
         let constraint = options
             .face_normal
-            .then(|| FaceNormal::new(&basis, self.element));
+            .then(|| face_normal::equations(&basis, self.element));
         let operators = pairing::embedded(basis.group(), basis.lattice());
         let domain = Domain::new(self.element, &operators);
         let mut target = Target {
@@ -175,7 +175,7 @@ impl Job<'_> {
         basis: &Basis<D>,
         domain: &Domain,
         target: &mut Target,
-        constraint: Option<&FaceNormal>,
+        constraint: Option<&Constraint>,
     ) -> Result<Found, FitError> {
         let options = self.options;
         if options.iterative(basis.len()) {
@@ -217,7 +217,7 @@ impl Job<'_> {
         &self,
         basis: &Basis<D>,
         target: &mut Target,
-        constraint: Option<&FaceNormal>,
+        constraint: Option<&Constraint>,
     ) -> Result<Found, FitError> {
         let options = self.options;
         let lattice = basis.lattice();
@@ -240,7 +240,7 @@ impl Job<'_> {
             s.value = value;
         }
         self.progress.stage("fit: least squares", None);
-        let solve = |constraint: Option<&FaceNormal>, kept: &[bool]| {
+        let solve = |constraint: Option<&Constraint>, kept: &[bool]| {
             conjugate_gradients(
                 basis,
                 n,
@@ -268,7 +268,7 @@ impl Job<'_> {
         basis: &Basis<D>,
         domain: &Domain,
         target: &mut Target,
-        constraint: Option<&FaceNormal>,
+        constraint: Option<&Constraint>,
     ) -> Result<Found, FitError> {
         let options = self.options;
         let lattice = basis.lattice();

@@ -1,6 +1,6 @@
 //! Dense least squares in the real symmetric basis: normal equations in panels, then Cholesky.
 
-use super::super::face_normal::FaceNormal;
+use super::super::Constraint;
 use super::super::wave::Phasors;
 use super::FitError;
 use crate::frame::CellPoint;
@@ -144,10 +144,10 @@ impl NormalEquations {
     }
 
     /// The least square solution, within the null space of the constraint if there is one.
-    pub fn solve(&self, constraint: Option<&FaceNormal>) -> Result<Vec<f64>, FitError> {
+    pub fn solve(&self, constraint: Option<&Constraint>) -> Result<Vec<f64>, FitError> {
         let n = self.right.len();
         let largest = self.matrix.diagonal().max();
-        let span = constraint.map(FaceNormal::span).filter(|s| s.ncols() > 0);
+        let span = constraint.map(Constraint::span).filter(|s| s.ncols() > 0);
         let solution = if let Some(span) = span {
             let mut matrix = self.matrix.clone();
             matrix.fill_upper_triangle_with_lower_triangle();
@@ -204,7 +204,7 @@ pub fn least_squares<const D: usize>(
     basis: &Basis<D>,
     samples: &[Sample<D>],
     regularisation: f64,
-    constraint: Option<&FaceNormal>,
+    constraint: Option<&Constraint>,
     progress: &dyn Progress,
 ) -> Result<Vec<f64>, FitError> {
     NormalEquations::assemble(basis, samples, regularisation, progress)?.solve(constraint)

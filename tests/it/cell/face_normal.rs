@@ -2,7 +2,7 @@
 
 use super::fit::{cross, edge_frame, sphere_struts};
 use super::{Shape, at};
-use druse::cell::face_normal::{FaceNormal, residual};
+use druse::cell::face_normal::{equations, residual};
 use druse::cell::{FitOptions, Method, Series, fit};
 use druse::field::Field;
 use druse::frame::{CellPoint, Element};
@@ -41,7 +41,7 @@ fn check_case<const D: usize>(case: &Value, element: Element, group: &str, latti
     let group = PointGroup::named(group, &lattice).unwrap();
     let basis = Basis::new(group.clone(), lattice.clone(), case["R"].as_f64().unwrap());
     assert_eq!(basis.len() as u64, case["real_dof"].as_u64().unwrap());
-    let equations = FaceNormal::new(&basis, element);
+    let equations = equations(&basis, element);
     assert_eq!(
         equations.rank() as u64,
         case["rank"].as_u64().unwrap(),

@@ -1,0 +1,118 @@
+//! Homogeneous linear equations on the coefficients of a fit: A a = 0.
+//!
+//! What a cell must be (at a right angle to the faces, the same on a face as the cell of another
+//! element) is linear in its coefficients. Least squares are solved in the null space of A, which is
+//! kept as the orthonormal complement that it forbids.
+
+use nalgebra::{DMatrix, DVector};
+
+/// Rows below this share of the largest are dependent.
+const RANK_TOLERANCE: f64 = 1e-9;
+
+/// The equations A a = 0, and an orthonormal basis of what they forbid.
+#[derive(Clone, Debug)]
+pub struct Constraint {
+    /// One equation per row, of unit length, on the real orthonormal coefficients.
+    rows: DMatrix<f64>,
+    /// Orthonormal columns that span the rows.
+    span: DMatrix<f64>,
+}
+
+impl Constraint {
+    /// The equations row . a = 0, each of `unknowns` numbers; rows that vanish beside the largest one
+    /// say nothing.
+    pub fn new(rows: &[DVector<f64>], unknowns: usize) -> Self {
+        let largest = rows.iter().map(DVector::norm).fold(0.0, f64::max);
+        let rows: Vec<DVector<f64>> = rows
+            .iter()
+            .filter(|row| row.norm() > RANK_TOLERANCE * largest.max(1.0))
+            .map(|row| row.normalize())
+            .collect();
+        let matrix = DMatrix::from_fn(rows.len(), unknowns, |i, j| rows[i][j]);
+        Self {
+            span: row_space(&matrix),
+            rows: matrix,
+        }
+    }
+
+    /// Number of independent equations.
+    pub fn rank(&self) -> usize {
+        self.span.ncols()
+    }
+
+    /// The equations for some of the unknowns alone, the others being zero.
+    #[must_use]
+    pub fn restricted(&self, kept: &[usize]) -> Self {
+        self.reduced(kept.len(), |row| {
+            DVector::from_iterator(kept.len(), kept.iter().map(|&j| row[j]))
+        })
+    }
+
+    /// The equations for all unknowns of which only some may differ from zero.
+    #[must_use]
+    pub fn masked(&self, kept: &[bool]) -> Self {
+        self.reduced(kept.len(), |row| {
+            DVector::from_fn(kept.len(), |j, _| if kept[j] { row[j] } else { 0.0 })
+        })
+    }
+
+    fn reduced(&self, unknowns: usize, reduce: impl Fn(&DVector<f64>) -> DVector<f64>) -> Self {
+        let rows: Vec<DVector<f64>> = self
+            .rows
+            .row_iter()
+            .map(|row| reduce(&row.transpose()))
+            .collect();
+        Self::new(&rows, unknowns)
+    }
+
+    /// Orthonormal columns that span the rows of A.
+    pub(super) fn span(&self) -> &DMatrix<f64> {
+        &self.span
+    }
+
+    /// The nearest coefficients that fulfil the equations: a - A^+ A a.
+    pub fn project(&self, real: &mut [f64]) {
+        let mut a = DVector::from_column_slice(real);
+        // Twice, so that the rounding of the first is taken off too.
+        for _ in 0..2 {
+            let share = self.span.tr_mul(&a);
+            a.gemv(-1.0, &self.span, &share, 1.0);
+        }
+        real.copy_from_slice(a.as_slice());
+    }
+}
+
+/// An orthonormal basis of the row space, by Gram and Schmidt with the largest remainder first.
+fn row_space(rows: &DMatrix<f64>) -> DMatrix<f64> {
+    let mut rest: Vec<DVector<f64>> = rows.row_iter().map(|r| r.transpose()).collect();
+    let mut found: Vec<DVector<f64>> = Vec::new();
+    while !rest.is_empty() {
+        let largest = (0..rest.len()).fold(0, |m, i| {
+            if rest[i].norm_squared() > rest[m].norm_squared() {
+                i
+            } else {
+                m
+            }
+        });
+        if rest[largest].norm() < RANK_TOLERANCE {
+            break;
+        }
+        let mut next = rest.swap_remove(largest).normalize();
+        // Once more against all, since the remainder may have been small.
+        for v in &found {
+            let share = v.dot(&next);
+            next.axpy(-share, v, 1.0);
+        }
+        next.normalize_mut();
+        for row in &mut rest {
+            let share = next.dot(row);
+            row.axpy(-share, &next, 1.0);
+        }
+        found.push(next);
+    }
+    if found.is_empty() {
+        DMatrix::zeros(rows.ncols(), 0)
+    } else {
+        DMatrix::from_columns(&found)
+    }
+}
