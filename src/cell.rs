@@ -59,14 +59,15 @@ mod source;
 mod surface;
 mod table;
 mod thickness;
+mod trace;
 mod wave;
 pub use constraint::Constraint;
 pub use error::CellError;
 pub use file::CellTextError;
 pub use fit::{
     Components, Distance, FitError, FitOptions, FitReport, Hausdorff, Method, Placement, Sample,
-    Solver, SourceReport, Spectrum, Symmetrise, Transform, band_of_samples, fit, fit_mesh,
-    fit_samples, fit_source, fourier_coefficients, largest_band, least_squares,
+    Solver, SourceReport, Spectrum, Symmetrise, Transform, band_of_samples, fit, fit_matched,
+    fit_mesh, fit_samples, fit_source, fourier_coefficients, largest_band, least_squares,
 };
 pub use form::{Form, Node};
 pub use hybrid::Join;

@@ -32,6 +32,7 @@ mod inputs;
 mod memory;
 mod operate;
 mod output;
+mod palette;
 mod plot;
 mod probe;
 mod report;

@@ -35,6 +35,31 @@ impl Constraint {
         }
     }
 
+    /// These equations and those of another constraint on the same unknowns.
+    #[must_use]
+    pub fn and(&self, other: &Self) -> Self {
+        let all = self.rows.row_iter().chain(other.rows.row_iter());
+        let rows: Vec<DVector<f64>> = all.map(|row| row.transpose()).collect();
+        Self::new(&rows, self.rows.ncols())
+    }
+
+    /// Constraints on unknowns that follow each other.
+    pub fn side_by_side(parts: &[Self]) -> Self {
+        let unknowns = parts.iter().map(|p| p.rows.ncols()).sum();
+        let mut start = 0;
+        let mut rows = Vec::new();
+        for part in parts {
+            let count = part.rows.ncols();
+            for own in part.rows.row_iter() {
+                let mut row = DVector::zeros(unknowns);
+                row.rows_mut(start, count).copy_from(&own.transpose());
+                rows.push(row);
+            }
+            start += count;
+        }
+        Self::new(&rows, unknowns)
+    }
+
     /// Number of independent equations.
     pub fn rank(&self) -> usize {
         self.span.ncols()

@@ -1,16 +1,16 @@
 //! What fills the scaffold of a recipe: its cells, their weights, their grading.
 
-use super::cells;
 use super::error::RunError;
 use super::inputs::Inputs;
+use super::palette::{Entry, entry};
 use super::report::Warning;
 use super::scaffold::Loaded;
 use super::varying::{Setting, corner_nodes};
 use crate::cell::{Cell, Table};
 use crate::field::Field;
-use crate::frame::{CellPoint, Element, Vec3};
+use crate::frame::{CellPoint, Vec3};
 use crate::mesh::MeshSolid;
-use crate::recipe::{self, Sections, TilingSection, Varying};
+use crate::recipe::{self, TilingSection, Varying};
 use crate::scaffold::Scaffold;
 use crate::tiling::{
     Blend, CellField, Filling, Interpolation, Member, PathCheck, certify, check_path,
@@ -19,13 +19,6 @@ use crate::vdb::Session;
 
 /// Levels tabulated over a graded quantity.
 const GRADES: usize = 9;
-
-/// One cell of the palette, for each shape of element.
-pub(super) struct Entry {
-    pub name: String,
-    pub cells: Vec<Cell>,
-    tables: Vec<Table>,
-}
 
 /// Cells over a scaffold.
 pub(super) struct Fill {
@@ -54,11 +47,9 @@ impl Fill {
         envelope: Option<&MeshSolid>,
         session: Session,
     ) -> Result<Self, RunError> {
-        let sections = inputs.recipe.sections();
-        let shapes = loaded.scaffold.shapes();
         let mut palette = Vec::new();
         for name in section.cells() {
-            palette.push(entry(inputs, sections, name, &shapes, session)?);
+            palette.push(entry(inputs, &loaded.scaffold, name, session)?);
         }
         let interpolation = match section.interpolation {
             recipe::Interpolation::Linear => Interpolation::Linear,
@@ -360,45 +351,6 @@ impl<C: CellField> Filled<'_, C> {
             Self::Many(blend) => blend.weights(element, xi),
         }
     }
-}
-
-/// The cells of a name for every shape that occurs.
-fn entry(
-    inputs: &mut Inputs,
-    sections: &Sections,
-    name: &str,
-    shapes: &[Element],
-    session: Session,
-) -> Result<Entry, RunError> {
-    let key = format!("cell.{name}");
-    let section = &sections.cell[name];
-    let asked = section.element.map(Element::from);
-    let mut entry = Entry {
-        name: name.to_owned(),
-        cells: Vec::new(),
-        tables: Vec::new(),
-    };
-    for &shape in shapes {
-        // A planar cell fills the prisms over its element.
-        let element = asked
-            .filter(|&a| crate::tiling::fills(a, shape))
-            .unwrap_or(shape);
-        if shapes.len() > 1 && asked.is_some_and(|a| !crate::tiling::fills(a, shape)) {
-            continue;
-        }
-        let cell = cells::make(inputs, &key, section, element, session)?;
-        let table = Table::new(&cell).map_err(|e| RunError::Cell {
-            key: key.clone(),
-            fault: e.into(),
-        })?;
-        entry.cells.push(cell);
-        entry.tables.push(table);
-    }
-    if entry.cells.is_empty() {
-        let names: Vec<&str> = shapes.iter().map(|s| s.name()).collect();
-        return Err(RunError::Mixed(names.join(" and ")));
-    }
-    Ok(entry)
 }
 
 /// World length per reference length at every node: the mean of the elements around it.

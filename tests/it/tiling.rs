@@ -12,6 +12,7 @@ use druse::tiling::{Boundary, CellField, Distance, TiledSolid, TilingOptions};
 
 mod cosines;
 mod distances;
+mod mixed;
 
 use cosines::Cosines;
 

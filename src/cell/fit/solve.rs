@@ -131,6 +131,28 @@ impl NormalEquations {
         })
     }
 
+    /// The equations of several fits whose unknowns follow each other.
+    pub fn joined(parts: Vec<Self>) -> Self {
+        let n = parts.iter().map(|p| p.right.len()).sum();
+        let mut joined = Self {
+            matrix: DMatrix::zeros(n, n),
+            right: DVector::zeros(n),
+            regularisation: f64::INFINITY,
+        };
+        let mut start = 0;
+        for part in parts {
+            let own = part.right.len();
+            joined
+                .matrix
+                .view_mut((start, start), (own, own))
+                .copy_from(&part.matrix);
+            joined.right.rows_mut(start, own).copy_from(&part.right);
+            joined.regularisation = joined.regularisation.min(part.regularisation);
+            start += own;
+        }
+        joined
+    }
+
     /// The same for some of the unknowns, in ascending order, the others being zero.
     pub fn restricted(&self, kept: &[usize]) -> Self {
         let m = kept.len();

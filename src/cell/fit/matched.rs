@@ -1,0 +1,161 @@
+//! Cells of several elements that agree on the faces that the elements share.
+//!
+//! A cell for each element of a mixed mesh is fitted to the cell that the element would have by
+//! itself, all together: the sum of the mean squares of the differences, in edge lengths, is
+//! least among the functions whose traces on triangles and squares are equal and have the face's
+//! whole symmetry (see [`super::super::trace`]). Wedges and pyramids need that even among themselves,
+//! since their own symmetries do not make a side the same whichever way neighbours are turned.
+
+use super::super::domain::Domain;
+use super::super::{Constraint, face_normal, pairing, symmetry, trace};
+use super::sampling::{parts, places};
+use super::solve::{NormalEquations, Sample};
+use super::{FitError, FitOptions, FitReport};
+use crate::cell::{Cell, CellError, Series};
+use crate::field::Field;
+use crate::frame::{CellPoint, Element};
+use crate::progress::Progress;
+use crate::symmetry::Basis;
+
+/// Greatest number of unknowns of all elements together.
+const MOST_UNKNOWNS: usize = 4000;
+
+/// Cells that agree on shared faces, each as near to the given cell of its element as that allows. Their
+/// fields are in edge lengths; `options.band_limit` is in cycles per edge. The report's `rms` is the
+/// difference to the given cells.
+///
+/// # Errors
+/// [`FitError::Cell`] for planar cells and for cells that are solid on different sides,
+/// [`FitError::TooLarge`], [`FitError::Singular`], [`FitError::Cancelled`].
+pub fn fit_matched(
+    cells: &[Cell],
+    options: &FitOptions,
+    progress: &dyn Progress,
+) -> Result<Vec<Cell>, FitError> {
+    let refused = |what: &str| {
+        let text = format!("cells of a mixed mesh are matched {what}");
+        Err(FitError::Cell(CellError::Expression(text)))
+    };
+    let Some(first) = cells.first() else {
+        return Ok(Vec::new());
+    };
+    if cells.iter().any(|c| c.element().dimension() != 3) {
+        return refused("in space, not in the plane");
+    }
+    if cells.iter().any(|c| c.solid() != first.solid()) {
+        return refused("if all are solid on the same side");
+    }
+    let mut bases = Vec::new();
+    for cell in cells {
+        let element = cell.element();
+        // Waves of odd order reach an edge from a triangle's inside with a little more.
+        let on_square = element == Element::Hex;
+        let least = if on_square { 0.0 } else { 1.0 / 3.0 };
+        let radius = (options.band_limit.powi(2) + least).sqrt() / element.edge();
+        let (group, lattice) = symmetry::<3>(element, None, None)?;
+        let ball = std::f64::consts::PI * 4.0 / 3.0 * radius.powi(3) * lattice.volume();
+        if ball / group.order() as f64 > 2.0 * MOST_UNKNOWNS as f64 {
+            return Err(too_large(options.band_limit, ball as usize / group.order()));
+        }
+        bases.push((element, Basis::new(group, lattice, radius)));
+    }
+    let unknowns = bases.iter().map(|(_, b)| b.len()).sum();
+    if unknowns > MOST_UNKNOWNS {
+        return Err(too_large(options.band_limit, unknowns));
+    }
+    progress.stage("fit: cells that agree on faces", None);
+    let mut equations = Vec::new();
+    let mut samples = Vec::new();
+    for (cell, (element, basis)) in cells.iter().zip(&bases) {
+        let (own, interior) = targets(cell, *element, basis, options);
+        let lambda = options.lambda();
+        equations.push(NormalEquations::assemble(basis, &own, lambda, progress)?);
+        samples.push((own, interior));
+    }
+    let mut constraint = trace::equations(&bases);
+    if options.face_normal {
+        let own = bases.iter().map(|(e, b)| face_normal::equations(b, *e));
+        constraint = constraint.and(&Constraint::side_by_side(&own.collect::<Vec<_>>()));
+    }
+    let real = NormalEquations::joined(equations).solve(Some(&constraint))?;
+    let half = cells
+        .iter()
+        .map(|c| c.level() / edges_per_unit(c))
+        .sum::<f64>()
+        / cells.len() as f64;
+    let mut rest = &real[..];
+    let mut matched = Vec::new();
+    for ((cell, (element, basis)), (samples, interior)) in cells.iter().zip(&bases).zip(&samples) {
+        let (own, tail) = rest.split_at(basis.len());
+        rest = tail;
+        let (group, lattice) = (basis.group().clone(), basis.lattice().clone());
+        let series = Series::new(group, lattice, &basis.coefficients(own))?;
+        let (mut sum, mut weight) = (0.0, 0.0);
+        for s in &samples[..*interior] {
+            sum += s.weight * (series.value(s.point) - s.value).powi(2);
+            weight += s.weight;
+        }
+        let report = FitReport {
+            method: "matched".to_owned(),
+            solver: "dense".to_owned(),
+            lattice: basis.lattice().name().unwrap_or_default().to_owned(),
+            band_limit: basis.radius(),
+            regularisation: options.lambda(),
+            degrees_of_freedom: basis.len(),
+            rms: (sum / weight).sqrt(),
+            kept_energy: 1.0,
+            face_normal_residual: face_normal::residual(&series, *element),
+            ..FitReport::default()
+        };
+        let own = Cell::new(cell.name(), *element, series)?.with_face_normal(options.face_normal);
+        let own = if cell.solid().is_symmetric() {
+            own.with_solid(cell.solid(), half)?
+        } else {
+            own
+        };
+        own.check_surface()?;
+        matched.push(own.with_report(report));
+    }
+    Ok(matched)
+}
+
+fn too_large(band_limit: f64, unknowns: usize) -> FitError {
+    FitError::TooLarge {
+        band_limit,
+        unknowns,
+        limit: MOST_UNKNOWNS,
+        largest: band_limit * (MOST_UNKNOWNS as f64 * 0.8 / unknowns as f64).cbrt(),
+    }
+}
+
+/// Units of a cell's field per edge length, on its surface.
+fn edges_per_unit(cell: &Cell) -> f64 {
+    cell.gamma() * cell.element().edge()
+}
+
+/// Samples of a cell's function in edge lengths, negative inside (of a sheet the function that it is
+/// thickened from), and how many of them average over the element.
+fn targets(
+    cell: &Cell,
+    element: Element,
+    basis: &Basis<3>,
+    options: &FitOptions,
+) -> (Vec<Sample<3>>, usize) {
+    let domain = Domain::new(element, &pairing::embedded(basis.group(), basis.lattice()));
+    let parts = parts(element, &domain, basis.len(), options.samples);
+    let (places, interior) = places(element, &domain, parts, options.weights());
+    let scale = edges_per_unit(cell).recip();
+    let value = |p: CellPoint<3>| {
+        if cell.solid().is_symmetric() {
+            cell.form().value(p)
+        } else {
+            Field::value(cell, p)
+        }
+    };
+    let samples = places.into_iter().map(|(point, weight)| Sample {
+        point,
+        value: value(point) * scale,
+        weight,
+    });
+    (samples.collect(), interior)
+}

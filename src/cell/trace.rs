@@ -1,0 +1,139 @@
+//! Traces: what the functions of a band are on the faces of their element.
+//!
+//! On a face the plane waves of a series become waves in the plane, one for each in-plane projection
+//! p of the frequencies: `T_p` = sum over the f with projection p of exp(2 pi i f.x0) C, x0 the
+//! face's centre. Turned to a face of edge 1 that all elements share, the triangle or the square,
+//! `T_p` of a tet, a wedge and a pyramid name the same wave. Two cells agree on a common face, whatever
+//! the numbering of its corners, exactly if their `T_p` are equal and have the face's whole symmetry
+//! (D3, D4). That is linear in the coefficients; waves are grouped, never sampled, since samples of a
+//! face would leave a system of condition 1e8.
+
+use super::Constraint;
+use super::face_normal::{self, ProjectionKey, key};
+use crate::frame::{Element, Vec3};
+use crate::symmetry::Basis;
+use nalgebra::{DVector, Matrix2, Vector2};
+use std::collections::{BTreeMap, BTreeSet};
+
+/// The waves of a face by their frequency in the face's own coordinates, in cycles per edge: real and
+/// imaginary rows on the real orthonormal coefficients.
+type Waves = BTreeMap<ProjectionKey<2>, (Vector2<f64>, [DVector<f64>; 2])>;
+
+/// The trace of a basis on one kind of face.
+struct Trace {
+    /// Number of the basis it belongs to.
+    owner: usize,
+    corners: usize,
+    waves: Waves,
+}
+
+/// The equations under which functions of several elements agree on all faces that they can share, for
+/// the coefficients of all bases one after the other.
+pub(super) fn equations(bases: &[(Element, Basis<3>)]) -> Constraint {
+    let unknowns: usize = bases.iter().map(|(_, b)| b.len()).sum();
+    let mut starts = vec![0];
+    for (_, basis) in bases {
+        starts.push(starts[starts.len() - 1] + basis.len());
+    }
+    let traces: Vec<Trace> = bases
+        .iter()
+        .enumerate()
+        .flat_map(|(owner, (element, basis))| traces(owner, *element, basis))
+        .collect();
+    let mut rows = Vec::new();
+    for corners in [3, 4] {
+        let mut own = traces.iter().filter(|t| t.corners == corners);
+        let Some(first) = own.next() else { continue };
+        let at =
+            |t: &Trace, p: ProjectionKey<2>, part: usize, sign: f64, row: &mut DVector<f64>| {
+                if let Some((_, parts)) = t.waves.get(&p) {
+                    let mut place = row.rows_mut(starts[t.owner], parts[part].len());
+                    place.axpy(sign, &parts[part], 1.0);
+                }
+            };
+        let mut equal = |(s, p): (&Trace, ProjectionKey<2>), (t, q): (&Trace, ProjectionKey<2>)| {
+            for part in 0..2 {
+                let mut row = DVector::zeros(unknowns);
+                at(s, p, part, 1.0, &mut row);
+                at(t, q, part, -1.0, &mut row);
+                rows.push(row);
+            }
+        };
+        for operator in symmetries(corners) {
+            for (p, image) in first
+                .waves
+                .values()
+                .map(|(p, _)| (key(*p), key(operator * p)))
+            {
+                equal((first, p), (first, image));
+            }
+        }
+        for other in own {
+            let all: BTreeSet<_> = first.waves.keys().chain(other.waves.keys()).collect();
+            for &p in all {
+                equal((first, p), (other, p));
+            }
+        }
+    }
+    Constraint::new(&rows, unknowns)
+}
+
+/// Generators of the symmetries of a triangle and a square about their centres.
+fn symmetries(corners: usize) -> [Matrix2<f64>; 2] {
+    let mirror = Matrix2::new(-1.0, 0.0, 0.0, 1.0);
+    let (s, c) = (std::f64::consts::TAU / corners as f64).sin_cos();
+    [mirror, Matrix2::new(c, -s, s, c)]
+}
+
+/// The traces of a basis on one face of each kind.
+fn traces(owner: usize, element: Element, basis: &Basis<3>) -> Vec<Trace> {
+    let vertices = element.vertices();
+    let operators = basis.group().cartesian(basis.lattice());
+    let mut chosen: Vec<Vec3> = Vec::new();
+    let mut found = Vec::new();
+    for face in element.faces() {
+        let is_image = |n: &Vec3| {
+            operators
+                .iter()
+                .any(|q| (q * n - face.normal).norm() < 1e-9)
+        };
+        if chosen.iter().any(is_image) {
+            continue;
+        }
+        chosen.push(face.normal);
+        let corners: Vec<Vec3> = element
+            .face_vertices(&face)
+            .into_iter()
+            .map(|v| vertices[v])
+            .collect();
+        let centre = corners.iter().sum::<Vec3>() / corners.len() as f64;
+        // The first axis along an edge, the second towards the corners that are not on it.
+        let edge = corners[1] - corners[0];
+        let along = edge.normalize();
+        let across = face.normal.cross(&along);
+        let side = across.dot(&(centre - corners[0])).signum();
+        let axes = [along, across * side].map(|a| a * element.edge());
+        let waves = face_normal::projected(
+            basis,
+            face.normal,
+            centre,
+            |_| Some((1.0, 0.0)),
+            // Of p and -p the rows are the same, up to a sign.
+            |p| key(p) >= key(-p),
+        );
+        let waves: BTreeMap<_, _> = waves
+            .into_values()
+            .flat_map(|(p, [re, im])| {
+                let p = Vector2::from(axes.map(|a| a.dot(&p)));
+                let conjugate = [re.clone(), -&im];
+                [(key(p), (p, [re, im])), (key(-p), (-p, conjugate))]
+            })
+            .collect();
+        found.push(Trace {
+            owner,
+            corners: corners.len(),
+            waves,
+        });
+    }
+    found
+}

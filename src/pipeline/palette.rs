@@ -1,0 +1,113 @@
+//! The palette of a tiling: every cell for every shape of element that it has to fill.
+//!
+//! Cells are made for each shape by itself. Where they do not meet on faces that different shapes
+//! share (or wedges and pyramids among themselves) they are fitted again, all together, so that they
+//! do.
+
+use super::cells;
+use super::error::RunError;
+use super::inputs::Inputs;
+use super::report::Warning;
+use super::source::SourceFault;
+use crate::cell::{Cell, Table, fit_matched};
+use crate::frame::Element;
+use crate::scaffold::Scaffold;
+use crate::tiling::{Blend, Filling, Interpolation, Member, TilingError};
+use crate::vdb::Session;
+
+/// Root mean square in edge lengths from which a matched cell is no longer the one asked for.
+const FAR: f64 = 0.05;
+/// Greatest error in edge lengths of the tables of matched cells.
+const FINE: f64 = 2e-5;
+
+/// One cell of the palette, for each shape of element.
+pub(super) struct Entry {
+    pub name: String,
+    pub cells: Vec<Cell>,
+    pub tables: Vec<Table>,
+}
+
+/// The cells of a name for every shape that occurs.
+pub(super) fn entry(
+    inputs: &mut Inputs,
+    scaffold: &Scaffold,
+    name: &str,
+    session: Session,
+) -> Result<Entry, RunError> {
+    let key = format!("cell.{name}");
+    let section = &inputs.recipe.sections().cell[name];
+    let shapes = scaffold.shapes();
+    let asked = section.element.map(Element::from);
+    let mut entry = Entry {
+        name: name.to_owned(),
+        cells: Vec::new(),
+        tables: Vec::new(),
+    };
+    for &shape in &shapes {
+        // A planar cell fills the prisms over its element.
+        let element = asked
+            .filter(|&a| crate::tiling::fills(a, shape))
+            .unwrap_or(shape);
+        if shapes.len() > 1 && asked.is_some_and(|a| !crate::tiling::fills(a, shape)) {
+            continue;
+        }
+        let cell = cells::make(inputs, &key, section, element, session)?;
+        entry.cells.push(cell);
+    }
+    if entry.cells.is_empty() {
+        let names: Vec<&str> = shapes.iter().map(|s| s.name()).collect();
+        return Err(RunError::Mixed(names.join(" and ")));
+    }
+    let torn = is_torn(scaffold, &entry)?;
+    if torn {
+        let options = super::fit_options(section);
+        entry.cells = fit_matched(&entry.cells, &options, session.progress)
+            .map_err(|e| SourceFault::from(e).of(&key))?;
+        let far = entry
+            .cells
+            .iter()
+            .filter_map(|c| Some((c, c.report()?.rms)));
+        if let Some((cell, rms)) = far.max_by(|a, b| a.1.total_cmp(&b.1)).filter(|f| f.1 > FAR) {
+            let message = format!(
+                "{key}: the {} cell that agrees with its neighbours on their faces differs from the \
+                 one asked for by {rms:.3} edge lengths (rms): raise band_limit, or choose a cell \
+                 that looks alike on all faces (struts along edges, plates on faces)",
+                cell.element().name()
+            );
+            inputs.warn(Warning::CELL, message)?;
+        }
+    }
+    for cell in &entry.cells {
+        entry
+            .tables
+            .push(Table::new(cell).map_err(|e| RunError::Cell {
+                key: key.clone(),
+                fault: e.into(),
+            })?);
+    }
+    Ok(entry)
+}
+
+/// Whether cells made for each shape by itself fail to meet on shared faces, though each is the same
+/// whatever the numbering of its element: what matching mends.
+fn is_torn(scaffold: &Scaffold, entry: &Entry) -> Result<bool, RunError> {
+    let whole = |c: &Cell| c.fits_any_numbering() && c.element().dimension() == 3;
+    let covers = scaffold
+        .shapes()
+        .iter()
+        .all(|s| entry.cells.iter().any(|c| c.element() == *s));
+    if !covers || !entry.cells.iter().all(whole) {
+        return Ok(false);
+    }
+    let member = Member {
+        name: entry.name.clone(),
+        cells: entry.cells.iter().collect(),
+    };
+    let weights = vec![1.0; scaffold.nodes().len()];
+    let blend = Blend::new(scaffold, vec![member], weights, Interpolation::Linear)
+        .map_err(|e| RunError::Tiling(e.to_string()))?;
+    Ok(matches!(
+        blend.check(scaffold),
+        Err(TilingError::Seam { .. })
+    ))
+}

@@ -1,0 +1,226 @@
+//! Hexes, wedges, pyramids and tets in one mesh, with cells that agree on the faces they share.
+
+use crate::strategy::{Noise, renumberings};
+use druse::cell::{
+    Cell, FitOptions, Skeleton, Solid, Source, Surface, Table, fit_matched, fit_source,
+};
+use druse::field::Field;
+use druse::frame::{CellPoint, Element, Vec3};
+use druse::progress::Silent;
+use druse::scaffold::{Connectivity, Kind, Scaffold};
+use druse::tiling::{
+    Blend, CellField, Certificate, Filling, Interpolation, Member, TilingError, certify,
+};
+use proptest::prelude::*;
+
+const SHAPES: [Element; 4] = [Element::Hex, Element::Wedge, Element::Tet, Element::Pyramid];
+
+/// Two layers of hexes beside wedges, a roof of pyramids and tets on them: all eight ways of sharing a
+/// face but that of two pyramids. Nodes are displaced, elements renumbered at random.
+fn mixed(amplitude: f64, seed: u64) -> Scaffold {
+    let mut noise = Noise::new(seed);
+    let mut nodes = Vec::new();
+    for z in 0..3 {
+        for y in 0..3 {
+            for x in 0..3 {
+                nodes.push(Vec3::from([x, y, z].map(f64::from)) + noise.vector() * amplitude);
+            }
+        }
+    }
+    let at = |x: u32, y: u32, z: u32| (z * 3 + y) * 3 + x;
+    let mut all: Vec<(Kind, Vec<u32>)> = Vec::new();
+    for z in 0..2 {
+        for y in 0..2 {
+            let square = |x: u32, z: u32| {
+                [
+                    at(x, y, z),
+                    at(x + 1, y, z),
+                    at(x + 1, y + 1, z),
+                    at(x, y + 1, z),
+                ]
+            };
+            all.push((Kind::Hex8, [square(0, z), square(0, z + 1)].concat()));
+            let halves = |z: u32| {
+                let s = square(1, z);
+                [[s[0], s[1], s[3]], [s[1], s[2], s[3]]]
+            };
+            for half in 0..2 {
+                all.push((
+                    Kind::Wedge6,
+                    [halves(z)[half], halves(z + 1)[half]].concat(),
+                ));
+            }
+        }
+    }
+    for y in 0..2 {
+        let apex = nodes.len() as u32;
+        nodes.push(Vec3::new(0.6, f64::from(y) + 0.5, 2.8) + noise.vector() * amplitude);
+        let base = [at(0, y, 2), at(1, y, 2), at(1, y + 1, 2), at(0, y + 1, 2)];
+        all.push((Kind::Pyramid5, [&base[..], &[apex]].concat()));
+        // On the half of the wedges' square that has the pyramid's edge, and on the other one.
+        all.push((
+            Kind::Tet4,
+            vec![at(1, y, 2), at(2, y, 2), at(1, y + 1, 2), apex],
+        ));
+        all.push((
+            Kind::Tet4,
+            vec![at(2, y, 2), at(2, y + 1, 2), at(1, y + 1, 2), apex],
+        ));
+    }
+    let mut elements = Connectivity::default();
+    for (kind, own) in all {
+        let orders = renumberings(kind);
+        let order = &orders[noise.below(orders.len())];
+        elements.push(kind, &order.iter().map(|&i| own[i]).collect::<Vec<_>>());
+    }
+    let s = Scaffold::new(nodes, elements).unwrap();
+    assert!(s.validate().unwrap().warnings().is_empty());
+    s
+}
+
+/// A mesh of one kind, renumbered at random.
+fn alike(kind: Kind, seed: u64) -> Scaffold {
+    let (nodes, elements) = crate::strategy::mesh(kind, [2, 2, 2], 0.05, seed);
+    Scaffold::new(nodes, elements).unwrap()
+}
+
+fn filled<'a, C: CellField>(s: &'a Scaffold, cells: &'a [C]) -> Blend<'a, C> {
+    let member = Member {
+        name: "own".into(),
+        cells: cells.iter().collect(),
+    };
+    Blend::new(
+        s,
+        vec![member],
+        vec![1.0; s.nodes().len()],
+        Interpolation::Linear,
+    )
+    .unwrap()
+}
+
+fn certified<C: CellField>(s: &Scaffold, cells: &[C]) -> Certificate {
+    let blend = filled(s, cells);
+    blend.check(s).unwrap();
+    certify(s, &blend)
+}
+
+fn options(band_limit: f64) -> FitOptions {
+    FitOptions {
+        band_limit,
+        samples: 12,
+        measure: false,
+        ..FitOptions::default()
+    }
+}
+
+/// Struts along every edge, fitted for each element by itself.
+fn struts(band_limit: f64) -> Vec<Cell> {
+    let fitted = SHAPES.map(|element| {
+        let skeleton = Skeleton::graph(element, "edges", 0.12 * element.edge()).unwrap();
+        let place = druse::cell::Placement::Reference;
+        let source = Source::skeleton(element, &skeleton, &place).unwrap();
+        let own = options(band_limit / element.edge());
+        fit_source("edges", element, &source, &own, &Silent).unwrap()
+    });
+    fitted.to_vec()
+}
+
+#[test]
+fn cells_of_a_mixed_mesh_meet_once_they_are_matched() {
+    let s = mixed(0.08, 3);
+    let cells = struts(5.0);
+    let torn = filled(&s, &cells).check(&s);
+    assert!(matches!(torn, Err(TilingError::Seam { .. })), "{torn:?}");
+    let before = certify(&s, &filled(&s, &cells)).value_jump_max;
+    let matched = fit_matched(&cells, &options(5.0), &Silent).unwrap();
+    let c = certified(&s, &matched);
+    assert!(
+        c.value_jump_max < 1e-9 && before > 1e-2,
+        "{} from {before}",
+        c.value_jump_max
+    );
+    assert!(c.kinds.iter().all(|k| k.crossings > 0) && c.kinds.len() == 2);
+    let tables: Vec<Table> = matched
+        .iter()
+        .map(|c| Table::with_tolerance(c, 2e-5).unwrap())
+        .collect();
+    let c = certified(&s, &tables);
+    assert!(c.value_jump_max < 1e-5, "{}", c.value_jump_max);
+    for (own, cell) in matched.iter().zip(&cells) {
+        let (rms, share) = (
+            own.report().unwrap().rms,
+            own.volume_fraction() - cell.volume_fraction(),
+        );
+        assert!(
+            rms < 0.02 && share.abs() < 0.03,
+            "{:?} {rms} {share}",
+            own.element()
+        );
+    }
+}
+
+#[test]
+fn wedges_and_pyramids_meet_among_themselves_once_they_are_matched() {
+    for (kind, seed) in [(Kind::Wedge6, 1), (Kind::Pyramid5, 2)] {
+        let s = alike(kind, seed);
+        let own = Surface::SchwarzP.cell(kind.shape());
+        let cell = own
+            .unwrap_or_else(|_| struts(5.0).swap_remove(if kind == Kind::Wedge6 { 1 } else { 3 }));
+        let sheet = cell.clone().sheet(0.2).unwrap();
+        for cell in [cell, sheet] {
+            let matched = fit_matched(&[cell.clone()], &options(5.0), &Silent).unwrap();
+            assert!(certified(&s, &matched).value_jump_max < 1e-9, "{kind:?}");
+            assert_eq!(
+                matched[0].solid() == Solid::Sheet,
+                cell.solid() == Solid::Sheet
+            );
+        }
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(4))]
+
+    /// Of whatever elements, face-normal or not.
+    #[test]
+    fn matched_cells_are_continuous(seed: u64, amplitude in 0.0..0.1f64, face_normal: bool) {
+        let s = mixed(amplitude, seed);
+        let own = FitOptions { face_normal, ..options(4.0) };
+        let random = SHAPES.map(|e| crate::certificate::random_cell(e, None, seed));
+        let matched = fit_matched(&random, &own, &Silent);
+        // Unlike cells may have no surface in common.
+        let Ok(matched) = matched else { return Ok(()) };
+        prop_assert!(certified(&s, &matched).value_jump_max < 1e-9);
+        for cell in &matched {
+            let residual = cell.report().unwrap().face_normal_residual;
+            prop_assert!(residual < 1e-9 || !face_normal, "{}", residual);
+        }
+    }
+}
+
+#[test]
+fn what_cannot_be_matched_is_refused() {
+    let plane = Surface::SchwarzP
+        .cell(Element::Quad)
+        .or_else(|_| Surface::SchwarzP.cell(Element::Tri));
+    if let Ok(plane) = plane {
+        assert!(fit_matched(&[plane], &options(4.0), &Silent).is_err());
+    }
+    let hex = Surface::SchwarzP.cell(Element::Hex).unwrap();
+    let other = struts(3.0).swap_remove(1).sheet(0.1).unwrap();
+    let e = fit_matched(&[hex.clone(), other], &options(4.0), &Silent).unwrap_err();
+    assert!(e.to_string().contains("same side"), "{e}");
+    let e = fit_matched(&[hex.clone()], &options(60.0), &Silent).unwrap_err();
+    assert!(e.to_string().contains("band limit"), "{e}");
+    assert!(fit_matched(&[], &options(4.0), &Silent).unwrap().is_empty());
+    // One hex cell is what it was: nothing forbids its own trace.
+    let same = fit_matched(&[hex.clone()], &options(1.0), &Silent).unwrap();
+    for p in [Vec3::new(0.1, 0.2, 0.3), Vec3::new(-0.4, 0.0, 0.25)].map(CellPoint) {
+        let wanted = Field::value(&hex, p) / hex.gamma();
+        assert!(
+            (Field::value(&same[0], p) - wanted).abs() < 1e-3,
+            "{} {wanted}",
+            Field::value(&same[0], p)
+        );
+    }
+}
