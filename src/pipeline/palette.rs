@@ -78,12 +78,16 @@ pub(super) fn entry(
         }
     }
     for cell in &entry.cells {
-        entry
-            .tables
-            .push(Table::new(cell).map_err(|e| RunError::Cell {
-                key: key.clone(),
-                fault: e.into(),
-            })?);
+        // Tables of unlike elements err differently: where they meet they must be fine.
+        let fine = torn.then(|| Table::with_tolerance(cell, FINE).ok());
+        let table = match fine.flatten() {
+            Some(table) => Ok(table),
+            None => Table::new(cell),
+        };
+        entry.tables.push(table.map_err(|e| RunError::Cell {
+            key: key.clone(),
+            fault: e.into(),
+        })?);
     }
     Ok(entry)
 }
