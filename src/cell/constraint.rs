@@ -26,7 +26,7 @@ impl Constraint {
         let rows: Vec<DVector<f64>> = rows
             .iter()
             .filter(|row| row.norm() > RANK_TOLERANCE * largest.max(1.0))
-            .map(|row| row.normalize())
+            .map(DVector::normalize)
             .collect();
         let matrix = DMatrix::from_fn(rows.len(), unknowns, |i, j| rows[i][j]);
         Self {
