@@ -168,7 +168,7 @@ fn wedges_and_pyramids_meet_among_themselves_once_they_are_matched() {
             .unwrap_or_else(|_| struts(5.0).swap_remove(if kind == Kind::Wedge6 { 1 } else { 3 }));
         let sheet = cell.clone().sheet(0.2).unwrap();
         for cell in [cell, sheet] {
-            let matched = fit_matched(&[cell.clone()], &options(5.0), &Silent).unwrap();
+            let matched = fit_matched(std::slice::from_ref(&cell), &options(5.0), &Silent).unwrap();
             assert!(certified(&s, &matched).value_jump_max < 1e-9, "{kind:?}");
             assert_eq!(
                 matched[0].solid() == Solid::Sheet,
@@ -210,11 +210,11 @@ fn what_cannot_be_matched_is_refused() {
     let other = struts(3.0).swap_remove(1).sheet(0.1).unwrap();
     let e = fit_matched(&[hex.clone(), other], &options(4.0), &Silent).unwrap_err();
     assert!(e.to_string().contains("same side"), "{e}");
-    let e = fit_matched(&[hex.clone()], &options(60.0), &Silent).unwrap_err();
+    let e = fit_matched(std::slice::from_ref(&hex), &options(60.0), &Silent).unwrap_err();
     assert!(e.to_string().contains("band limit"), "{e}");
     assert!(fit_matched(&[], &options(4.0), &Silent).unwrap().is_empty());
     // One hex cell is what it was: nothing forbids its own trace.
-    let same = fit_matched(&[hex.clone()], &options(1.0), &Silent).unwrap();
+    let same = fit_matched(std::slice::from_ref(&hex), &options(1.0), &Silent).unwrap();
     for p in [Vec3::new(0.1, 0.2, 0.3), Vec3::new(-0.4, 0.0, 0.25)].map(CellPoint) {
         let wanted = Field::value(&hex, p) / hex.gamma();
         assert!(
