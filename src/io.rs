@@ -44,7 +44,6 @@ pub use crystal::{DiskFiles, carry_out, read_crystal, read_script, script_fault}
 pub use error::{ErrorClass, Place, ReadError, WriteError};
 pub use graph::read_skeleton;
 pub use mesh_file::{MeshFile, MeshFormat, is_point_cloud, read_mesh, sniff, write_mesh};
-pub use mtl::color as group_color;
 pub use npy::{NpyArray, read_npy};
 pub use polymesh::{read_polymesh, write_polymesh};
 pub use scaffold::{

@@ -32,6 +32,7 @@ mod history;
 mod kind;
 mod measure;
 mod operator;
+mod picture;
 mod polygon;
 mod remesh;
 mod script;
@@ -48,6 +49,7 @@ pub use extrude::{Extruded, Extrusion};
 pub use history::{History, Model};
 pub use kind::{Dihedral, Kind, Operator, from_name as extrusion_named, names as extrusion_names};
 pub use measure::Summary;
+pub use picture::group_color;
 pub use remesh::{Grouping, Parameter, Remesh, RemeshError, scheme_names};
 pub use script::{
     Files, GroupBy, LoadOptions, Loaded, NoFiles, Note, Script, ScriptError, VERBS, Workshop,

@@ -8,19 +8,20 @@ use crate::mesh::MeshReport;
 use crate::pipeline::crystal_script;
 use crate::polymesh::{LoadOptions, PolyMesh, Script, Triangulated, Workshop};
 use crate::recipe::{Length, PictureSize, Recipe, Scale};
-use crate::vdb::{self, LevelSet, VdbWriter};
+use crate::vdb::{self, Image, LevelSet, VdbWriter};
 use clap::Args;
 use serde_json::{Value, json};
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
 mod interactive;
+mod view;
 
 #[derive(Args)]
 pub(super) struct Parameters {
     /// A script (.crystal), a recipe with [crystal.NAME] (.toml), or a polygon mesh (.obj, .dlfl, .stl, .ply);
-    /// may be left out with --interactive.
-    #[arg(required_unless_present = "interactive")]
+    /// may be left out with --interactive, and with --view, which then begins with a cube.
+    #[arg(required_unless_present_any = ["interactive", "view"])]
     input: Option<PathBuf>,
     /// What to write, any number of times: .obj and .dlfl keep polygons and groups; .stl, .ply, .3mf
     /// (triangles); .vdb (a level set); .png (a picture).
@@ -38,6 +39,19 @@ pub(super) struct Parameters {
     /// Read steps from stdin, one line at a time, after the script: undo, redo, show, draw, help.
     #[arg(long)]
     interactive: bool,
+    /// Show the model in a browser, on a page of this machine only, where clicks extrude faces; its saves
+    /// stand beside the script.
+    #[arg(long, conflicts_with_all = ["interactive", "output", "until"])]
+    view: bool,
+    /// Port of the page [default: a free one].
+    #[arg(
+        long,
+        value_name = "N",
+        default_value_t = 0,
+        hide_default_value = true,
+        requires = "view"
+    )]
+    port: u16,
     /// Voxels of a .vdb; a bare number is in the crystal's unit [default: 1/200 of its longest side].
     #[arg(long, value_name = "LENGTH")]
     voxel_size: Option<Length>,
@@ -71,28 +85,12 @@ struct Source {
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     let threads = super::session::threads(p.threads)?;
     let source = source(p)?;
+    if p.view {
+        return view::serve(p, &source, session);
+    }
     let files = DiskFiles::new(&source.directory, true);
     let mut workshop = Workshop::remembering(&files, if p.interactive { 200 } else { 1 });
-    for pair in &source.parameters {
-        let Some((name, value)) = pair.split_once('=') else {
-            return Err(Failure::usage(format!("--set {pair}: expected KEY=VALUE")));
-        };
-        let set = workshop.set(name.trim(), value);
-        set.map_err(|e| Failure::usage(format!("--set {pair}: {e}")))?;
-    }
-    let script = Script::parse(&source.text);
-    let script = script.map_err(|e| Failure::script(&source.path, &source.text, &e))?;
-    session.finish();
-    let done = script.run(&mut workshop, p.until);
-    done.map_err(|e| Failure::script(&source.path, &source.text, &e))?;
-    for note in workshop.take_notes() {
-        session.note(&format!(
-            "{}:{}: {}",
-            source.path.display(),
-            note.line,
-            note.text
-        ));
-    }
+    begin(&mut workshop, &source, p.until, session)?;
     let tools = vdb::Session::new(&threads, session);
     if p.interactive {
         let draw = |mesh: &PolyMesh, path: &Path| write(p, mesh, path, source.unit, tools);
@@ -132,13 +130,43 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
     Ok(Answer::new(text, facts))
 }
 
+/// Carries out a script, up to and with a line if one is given, and says what its steps had to say.
+fn begin(
+    workshop: &mut Workshop,
+    source: &Source,
+    until: Option<usize>,
+    session: &Session,
+) -> Result<(), Failure> {
+    for pair in &source.parameters {
+        let Some((name, value)) = pair.split_once('=') else {
+            return Err(Failure::usage(format!("--set {pair}: expected KEY=VALUE")));
+        };
+        let set = workshop.set(name.trim(), value);
+        set.map_err(|e| Failure::usage(format!("--set {pair}: {e}")))?;
+    }
+    let script = Script::parse(&source.text);
+    let script = script.map_err(|e| Failure::script(&source.path, &source.text, &e))?;
+    session.finish();
+    let done = script.run(workshop, until);
+    done.map_err(|e| Failure::script(&source.path, &source.text, &e))?;
+    for note in workshop.take_notes() {
+        session.note(&format!(
+            "{}:{}: {}",
+            source.path.display(),
+            note.line,
+            note.text
+        ));
+    }
+    Ok(())
+}
+
 /// The script that the arguments name.
 fn source(p: &Parameters) -> Result<Source, Failure> {
     let unit = p.unit.unwrap_or_default();
     let Some(path) = &p.input else {
         return Ok(Source {
             path: "stdin".into(),
-            text: String::new(),
+            text: if p.view { "cube\n" } else { "" }.into(),
             directory: PathBuf::new(),
             parameters: p.set.clone(),
             unit,
@@ -288,14 +316,18 @@ fn write(
             Ok(size.len())
         }
         Some("png") => {
-            let solid = voxelized(
-                mesh,
+            let (width, height) = (p.size.0 as usize, p.size.1 as usize);
+            let rgba = mesh.picture(width, height);
+            let rgba = rgba.map_err(|e| Failure::usage(e.to_string()))?;
+            Ok(write_bytes(
                 path,
-                1.2 * size / f64::from(p.size.0.max(p.size.1)),
-                tools,
-            )?;
-            let png = solid.picture(p.size.0 as usize, p.size.1 as usize, None, tools)?;
-            Ok(write_bytes(path, &png)?)
+                &Image {
+                    width,
+                    height,
+                    rgba,
+                }
+                .png()?,
+            )?)
         }
         Some("stl" | "ply" | "3mf") => Ok(write_mesh(path, &cut(mesh)?.mesh, unit)?),
         _ => Ok(write_polymesh(path, mesh)?),

@@ -1,6 +1,7 @@
 //! Material files: a colour for each group, and the colours of others' materials.
 
 use super::{ReadError, Source};
+use crate::polymesh::group_color;
 use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::path::Path;
@@ -35,21 +36,11 @@ pub(super) fn rounded(color: [f64; 3]) -> [u8; 3] {
 pub(super) fn text(groups: impl Iterator<Item = u32>) -> String {
     let mut text = String::new();
     for group in groups {
-        let [r, g, b] = color(group);
+        let [r, g, b] = group_color(group);
         let _ = write!(
             text,
             "newmtl group{group}\nKd {r:.6} {g:.6} {b:.6}\nKa 0 0 0\nKs 0 0 0\nillum 1\n"
         );
     }
     text
-}
-
-/// The colour of a group: hues a golden section apart.
-pub fn color(group: u32) -> [f64; 3] {
-    let hue = 6.0 * (0.618034 * f64::from(group)).fract();
-    let (saturation, value) = (0.65, 0.95);
-    [5.0, 3.0, 1.0].map(|k: f64| {
-        let t = (k + hue) % 6.0;
-        value - value * saturation * t.min(4.0 - t).clamp(0.0, 1.0)
-    })
 }

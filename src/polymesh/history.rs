@@ -69,6 +69,16 @@ impl History {
         Some(&step.0)
     }
 
+    /// Whether there is a step to go back.
+    pub fn can_undo(&self) -> bool {
+        self.at > 0
+    }
+
+    /// Whether there is a step to go forward.
+    pub fn can_redo(&self) -> bool {
+        self.at < self.entries.len()
+    }
+
     /// The steps that made the model, as far as they are remembered.
     pub fn steps(&self) -> impl Iterator<Item = &str> {
         self.entries[..self.at].iter().map(|e| e.0.as_str())

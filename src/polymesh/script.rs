@@ -153,6 +153,7 @@ pub struct Note {
 }
 
 /// Where steps are carried out: the model, its history, parameters and notes.
+#[derive(Clone)]
 pub struct Workshop<'a> {
     history: History,
     files: &'a dyn Files,
@@ -214,6 +215,11 @@ impl<'a> Workshop<'a> {
     /// The steps that made the model, as far as they are remembered.
     pub fn steps(&self) -> Vec<String> {
         self.history.steps().map(str::to_owned).collect()
+    }
+
+    /// The parameters that have a value.
+    pub fn parameters(&self) -> &BTreeMap<String, f64> {
+        &self.parameters
     }
 
     /// Takes the notes since the last time.

@@ -5,6 +5,7 @@ mod command;
 mod extrude;
 mod files;
 mod form;
+mod picture;
 mod remesh;
 mod script;
 mod topology;

@@ -1,0 +1,201 @@
+// The page: what is asked of the server, and what it answers.
+"use strict";
+
+const $ = (id) => document.getElementById(id);
+const drawing = new Drawing($("canvas"));
+let words = { extrusions: [], schemes: [] };
+// The extrusion that the sliders change: how its faces are chosen, once it is done.
+let pending = null;
+let busy = false;
+
+function say(text, wrong) {
+  $("message").textContent = text;
+  $("message").className = wrong ? "wrong" : "";
+}
+
+// Asks the server; gives its answer, or shows why there is none.
+async function ask(what, body) {
+  try {
+    const answer = await fetch(what, body === undefined ? {} : { method: "POST", body });
+    if (answer.ok) return answer;
+    say(await answer.text(), true);
+  } catch {
+    say("druse does not answer: it has ended", true);
+  }
+  return null;
+}
+
+// Asks for a model and shows it; whether it came.
+async function change(what, body, look) {
+  if (busy) return false;
+  busy = true;
+  const answer = await ask(what, body);
+  if (answer) {
+    const model = unpack(await answer.arrayBuffer());
+    const about = model.about;
+    drawing.hovered = -1;
+    drawing.chosen = 0;
+    drawing.show(model, look);
+    say(about.drawn ? about.notes.join("\n") : "more triangles than are drawn here");
+    $("summary").textContent = about.summary;
+    $("script").textContent = about.script;
+    $("script").scrollTop = $("script").scrollHeight;
+    $("undo").disabled = !about.undo;
+    $("redo").disabled = !about.redo;
+    $("under").textContent = "";
+    listGroups(about.groups ?? []);
+  }
+  busy = false;
+  return answer !== null;
+}
+
+function listGroups(groups) {
+  const rows = groups.slice(0, 24).map(({ group, faces, color }) => {
+    const row = document.createElement("tr");
+    const cells = ["", `group ${group}`, `${faces} faces`].map((text) => {
+      const cell = document.createElement("td");
+      cell.textContent = text;
+      return cell;
+    });
+    cells[0].style.background = `rgb(${color.map((c) => Math.round(255 * c)).join(" ")})`;
+    row.append(...cells);
+    row.onpointerenter = () => drawing.light(-1, group);
+    row.onpointerleave = () => drawing.light(-1, 0);
+    return row;
+  });
+  $("groups").replaceChildren(...rows);
+}
+
+const kind = () => words.extrusions.find((e) => e.name === $("kind").value);
+const tiers = () => [...$("tiers").querySelectorAll("input")].map((i) => i.value);
+
+// The step that the sliders describe, for these faces.
+function extrusion(faces) {
+  const angle = $("regular").checked ? "" : ` dihedral=${$("dihedral").value}`;
+  const times = kind().iterates && $("iterations").value > 1 ? ` iterations=${$("iterations").value}` : "";
+  return `extrude ${kind().name} ${faces}${angle} tiers=[${tiers().join(", ")}]${times}`;
+}
+
+function slider(label, value) {
+  const line = document.createElement("label");
+  line.className = "slider";
+  line.innerHTML = '<span></span> <input type="range" min="-2" max="3" step="0.05"><output></output>';
+  line.firstChild.textContent = label;
+  line.querySelector("input").value = value;
+  return line;
+}
+
+function kindChanged() {
+  const count = kind().tiers;
+  $("tiers").replaceChildren(...Array.from({ length: count }, (_, k) => slider(`tier ${k + 1}`, 1)));
+  $("dihedral").value = kind().dihedral;
+  $("iterations").disabled = !kind().iterates;
+  showValues();
+}
+
+function showValues() {
+  $("dihedral").disabled = $("regular").checked;
+  $("dihedral-value").textContent = $("regular").checked ? `${kind().dihedral.toFixed(2)}°` : `${$("dihedral").value}°`;
+  $("iterations-value").textContent = $("iterations").value;
+  for (const line of $("tiers").children) {
+    line.querySelector("output").textContent = Number(line.querySelector("input").value).toFixed(2);
+  }
+}
+
+// Sliders change the last extrusion; the newest position wins.
+let wanted = null;
+async function again() {
+  showValues();
+  if (!pending || !$("live").checked) return;
+  wanted = extrusion(pending);
+  while (wanted && !busy) {
+    const step = wanted;
+    wanted = null;
+    await change("again", step);
+  }
+}
+
+async function extrude(face) {
+  const group = drawing.model.groups[face];
+  const faces = $("whole").checked ? `group=${group}` : `faces(index == ${face})`;
+  if (await change("step", extrusion(faces))) pending = faces;
+}
+
+// Any other change ends the sliders' hold on the last extrusion.
+function other(what, body, look) {
+  pending = null;
+  return change(what, body, look);
+}
+
+// The pointer: a drag turns the model, a click extrudes, without buttons it lights a face up.
+let drag = null;
+const canvas = $("canvas");
+canvas.onpointerdown = (e) => {
+  canvas.setPointerCapture(e.pointerId);
+  drag = { x: e.clientX, y: e.clientY, turn: drawing.turn, tilt: drawing.tilt, moved: false, button: e.button };
+};
+canvas.onpointermove = (e) => {
+  if (!drag) {
+    const face = drawing.under(e.clientX, e.clientY);
+    drawing.light(face, face >= 0 && $("whole").checked ? drawing.model.groups[face] : 0);
+    const about = (f) => `face ${f}, group ${drawing.model.groups[f]}, ${drawing.model.about.sides[f]} corners`;
+    $("under").textContent = face < 0 ? "" : about(face);
+    return;
+  }
+  const [dx, dy] = [e.clientX - drag.x, e.clientY - drag.y];
+  drag.moved ||= Math.hypot(dx, dy) > 4;
+  if (!drag.moved) return;
+  drawing.turn = drag.turn - dx * 0.008;
+  drawing.tilt = Math.max(-1.57, Math.min(1.57, drag.tilt + dy * 0.008));
+  drawing.draw();
+};
+canvas.onpointerup = (e) => {
+  const click = drag && !drag.moved && drag.button === 0;
+  drag = null;
+  const face = click ? drawing.under(e.clientX, e.clientY) : -1;
+  if (face >= 0) extrude(face);
+};
+canvas.onpointercancel = () => { drag = null; };
+canvas.onpointerleave = () => { drawing.light(-1, 0); $("under").textContent = ""; };
+canvas.addEventListener("wheel", (e) => {
+  e.preventDefault();
+  drawing.away = Math.max(0.2, Math.min(30, drawing.away * Math.exp(0.001 * e.deltaY)));
+  drawing.draw();
+}, { passive: false });
+
+$("kind").onchange = () => { kindChanged(); again(); };
+for (const id of ["regular", "dihedral", "iterations"]) $(id).oninput = again;
+$("tiers").oninput = again;
+$("remesh").onclick = () => other("step", `remesh ${$("scheme").value}`);
+$("undo").onclick = () => other("undo", "");
+$("redo").onclick = () => other("redo", "");
+$("home").onclick = () => { drawing.home(); drawing.draw(); };
+$("any").onsubmit = (e) => { e.preventDefault(); other("step", $("step").value, true); };
+$("keep").onsubmit = async (e) => {
+  e.preventDefault();
+  const answer = await ask("save", $("name").value);
+  if (answer) {
+    const { path, bytes } = await answer.json();
+    say(`${path}  ${bytes} bytes`);
+  }
+};
+window.addEventListener("keydown", (e) => {
+  if (!(e.ctrlKey || e.metaKey) || e.target.tagName === "INPUT" && e.target.type === "text") return;
+  const what = e.key === "z" && !e.shiftKey ? "undo" : e.key === "y" || e.key === "z" || e.key === "Z" ? "redo" : null;
+  if (what) {
+    e.preventDefault();
+    other(what, "");
+  }
+});
+window.addEventListener("resize", () => drawing.draw());
+
+const options = (list) => list.map((name) => new Option(name.replaceAll("_", " "), name));
+ask("words").then(async (answer) => {
+  if (!answer) return;
+  words = await answer.json();
+  $("kind").replaceChildren(...options(words.extrusions.map((e) => e.name)));
+  $("kind").value = "cubical";
+  $("scheme").replaceChildren(...options(words.schemes));
+  kindChanged();
+  await change("model", undefined, true);
+});

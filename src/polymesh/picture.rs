@@ -1,0 +1,168 @@
+//! Pictures of polygons: faces in the colours of their groups, lit from the viewer's right shoulder, edges
+//! drawn where one face ends and another begins.
+//!
+//! Faces are found by a depth buffer of two by two samples a pixel; a pixel is the mean of its samples. Edges
+//! fade as they become many, so that a fractal stays a shape.
+
+use super::PolyMesh;
+use crate::frame::Vec3;
+use crate::mesh::MeshError;
+
+/// Samples along each side of a pixel.
+const FINE: usize = 2;
+/// From where one looks: to the eye.
+const TOWARDS: [f64; 3] = [0.74, 0.5, 0.45];
+/// To the light, along the picture's right, up and towards the eye.
+const LIGHT: [f64; 3] = [0.3, 0.6, 0.74];
+/// Half the angle of view, radians.
+const HALF_ANGLE: f64 = 0.26;
+/// Share of the picture left free on each side.
+const MARGIN: f64 = 0.04;
+/// The sample of no face.
+const NONE: u32 = u32::MAX;
+
+/// The colour of a group, red, green and blue from 0 to 1: hues a golden section apart.
+pub fn group_color(group: u32) -> [f64; 3] {
+    let hue = 6.0 * (0.618034 * f64::from(group)).fract();
+    let (saturation, value) = (0.65, 0.95);
+    [5.0, 3.0, 1.0].map(|k: f64| {
+        let t = (k + hue) % 6.0;
+        value - value * saturation * t.min(4.0 - t).clamp(0.0, 1.0)
+    })
+}
+
+/// The face that each sample shows.
+struct Samples {
+    columns: usize,
+    rows: usize,
+    face: Vec<u32>,
+    /// One over the depth; 0 where nothing is.
+    near: Vec<f32>,
+}
+
+impl PolyMesh {
+    /// A picture on white, 4 bytes a pixel (red, green, blue, 255), rows from the top.
+    ///
+    /// # Errors
+    /// As [`PolyMesh::triangulated`].
+    pub fn picture(&self, width: usize, height: usize) -> Result<Vec<u8>, MeshError> {
+        let back = Vec3::from(TOWARDS).normalize();
+        let right = Vec3::z().cross(&back).normalize();
+        let axes = [right, back.cross(&right), back];
+        let cut = self.triangulated()?;
+        let bounds = self.bounds();
+        let (centre, radius) = (
+            bounds.centre().0,
+            bounds.half_diagonal().max(f64::MIN_POSITIVE),
+        );
+        let distance = radius / HALF_ANGLE.sin();
+        // Where a vertex stands on the plane through the centre, and one over its depth.
+        let seen: Vec<[f64; 3]> = (cut.mesh.vertices().iter())
+            .map(|v| {
+                let [x, y, z] = axes.map(|a| a.dot(&(v - centre)));
+                let near = distance / (distance - z);
+                [x * near, y * near, near]
+            })
+            .collect();
+        let range = |k: usize| {
+            let all = seen.iter().map(move |p| p[k]);
+            (
+                all.clone().fold(f64::INFINITY, f64::min),
+                all.fold(f64::NEG_INFINITY, f64::max),
+            )
+        };
+        let frame = [range(0), range(1)];
+        let fine = [width * FINE, height * FINE];
+        let fill = 1.0 - 2.0 * MARGIN;
+        let scale = (0..2)
+            .map(|k| fill * fine[k] as f64 / (frame[k].1 - frame[k].0).max(1e-9 * radius))
+            .fold(f64::INFINITY, f64::min);
+        let place = |k: usize, at: f64| {
+            let from = at - f64::midpoint(frame[k].0, frame[k].1);
+            fine[k] as f64 / 2.0 + scale * if k == 0 { from } else { -from }
+        };
+        let mut samples = Samples::new(fine);
+        for (corners, &face) in cut.mesh.triangles().iter().zip(&cut.faces) {
+            let at = |v: u32| {
+                let [x, y, near] = seen[v as usize];
+                [place(0, x), place(1, y), near]
+            };
+            samples.fill(corners.map(at), face);
+        }
+        let light: Vec3 = (0..3).map(|k| axes[k] * LIGHT[k]).sum::<Vec3>().normalize();
+        let colors = (0..self.face_count()).map(|f| {
+            let shade = 0.38 + 0.62 * self.normal(f).dot(&light).max(0.0);
+            group_color(self.groups()[f]).map(|c| 255.0 * c * shade)
+        });
+        let mean = self.area().sqrt() * scale / (self.face_count() as f64).sqrt();
+        let ink = ((mean - 6.0) / 40.0).clamp(0.0, 0.75);
+        Ok(samples.pixels(&colors.collect::<Vec<_>>(), ink))
+    }
+}
+
+impl Samples {
+    fn new([columns, rows]: [usize; 2]) -> Self {
+        Self {
+            columns,
+            rows,
+            face: vec![NONE; columns * rows],
+            near: vec![0.0; columns * rows],
+        }
+    }
+
+    /// Draws a triangle of points (column, row, one over depth); the nearer face stays.
+    fn fill(&mut self, [a, b, c]: [[f64; 3]; 3], face: u32) {
+        let turn = |p: [f64; 3], q: [f64; 3], x: f64, y: f64| {
+            (q[0] - p[0]) * (y - p[1]) - (q[1] - p[1]) * (x - p[0])
+        };
+        let whole = turn(a, b, c[0], c[1]);
+        if whole == 0.0 {
+            return;
+        }
+        let span = |k: usize, most: usize| {
+            let low = a[k].min(b[k]).min(c[k]).floor().max(0.0) as usize;
+            let high = a[k].max(b[k]).max(c[k]).ceil().max(0.0) as usize;
+            low..high.min(most)
+        };
+        for row in span(1, self.rows) {
+            for column in span(0, self.columns) {
+                let (x, y) = (column as f64 + 0.5, row as f64 + 0.5);
+                let share =
+                    [turn(b, c, x, y), turn(c, a, x, y), turn(a, b, x, y)].map(|t| t / whole);
+                if share.iter().any(|&s| s < 0.0) {
+                    continue;
+                }
+                let near = (share[0] * a[2] + share[1] * b[2] + share[2] * c[2]) as f32;
+                let n = row * self.columns + column;
+                if near > self.near[n] {
+                    (self.near[n], self.face[n]) = (near, face);
+                }
+            }
+        }
+    }
+
+    /// Whether a sample's face ends to its right or below.
+    fn is_edge(&self, n: usize) -> bool {
+        let (right, below) = (n + 1, n + self.columns);
+        let differs = |m: usize| self.face.get(m).is_some_and(|&f| f != self.face[n]);
+        (right % self.columns != 0 && differs(right)) || differs(below)
+    }
+
+    /// Means of the samples, edges darkened by a share.
+    fn pixels(&self, colors: &[[f64; 3]], ink: f64) -> Vec<u8> {
+        let (width, height) = (self.columns / FINE, self.rows / FINE);
+        let mut pixels = Vec::with_capacity(4 * width * height);
+        for (row, column) in (0..height).flat_map(|r| (0..width).map(move |c| (r, c))) {
+            let mut sum = [0.0; 3];
+            for k in 0..FINE * FINE {
+                let n = (row * FINE + k / FINE) * self.columns + column * FINE + k % FINE;
+                let color = colors.get(self.face[n] as usize).unwrap_or(&[255.0; 3]);
+                let kept = if self.is_edge(n) { 1.0 - ink } else { 1.0 };
+                (0..3).for_each(|c| sum[c] += color[c] * kept);
+            }
+            pixels.extend(sum.map(|c| (c / (FINE * FINE) as f64).round() as u8));
+            pixels.push(255);
+        }
+        pixels
+    }
+}
