@@ -45,7 +45,7 @@ pub use error::{ErrorClass, Place, ReadError, WriteError};
 pub use graph::read_skeleton;
 pub use mesh_file::{MeshFile, MeshFormat, is_point_cloud, read_mesh, sniff, write_mesh};
 pub use npy::{NpyArray, read_npy};
-pub use polymesh::{read_polymesh, write_polymesh};
+pub use polymesh::{read_polymesh, write_legacy_obj, write_polymesh};
 pub use scaffold::{
     DataField, ELEMENT_FORMATS, ElementFile, FieldAt, Group, ScaffoldFile, SurfaceFile,
     read_elements, read_scaffold,

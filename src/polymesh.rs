@@ -38,6 +38,7 @@ mod remesh;
 mod script;
 pub mod seed;
 mod select;
+mod subdivide;
 mod surface;
 mod symmetrize;
 mod tier;
@@ -54,6 +55,7 @@ pub use remesh::{Grouping, Parameter, Remesh, RemeshError, scheme_names};
 pub use script::{
     Files, GroupBy, LoadOptions, Loaded, NoFiles, Note, Script, ScriptError, VERBS, Workshop,
 };
+pub use subdivide::Parts;
 pub use surface::SurfaceError;
 pub use symmetrize::Symmetry;
 pub use triangulate::Triangulated;

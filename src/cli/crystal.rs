@@ -3,7 +3,9 @@
 use super::{Answer, Failure, Session};
 use crate::frame::{LengthUnit, Transform};
 use crate::io::atomic::{StagedPath, write_bytes};
-use crate::io::{DiskFiles, read_polymesh, read_script, write_mesh, write_polymesh};
+use crate::io::{
+    DiskFiles, read_polymesh, read_script, write_legacy_obj, write_mesh, write_polymesh,
+};
 use crate::mesh::MeshReport;
 use crate::pipeline::crystal_script;
 use crate::polymesh::{LoadOptions, PolyMesh, Script, Triangulated, Workshop};
@@ -39,6 +41,13 @@ pub(super) struct Parameters {
     /// Read steps from stdin, one line at a time, after the script: undo, redo, show, draw, help.
     #[arg(long)]
     interactive: bool,
+    /// How a mesh is read, in the words of the step load: `weld=0.01 flip=true allow_open=true`, or
+    /// `group_by=color color_tol=0.02`.
+    #[arg(long, value_name = "WORDS", allow_hyphen_values = true)]
+    load: Option<String>,
+    /// Write groups of an .obj as colours ("c r g b" lines) instead of materials.
+    #[arg(long)]
+    legacy_colors: bool,
     /// Show the model in a browser, on a page of this machine only, where clicks extrude faces; its saves
     /// stand beside the script.
     #[arg(long, conflicts_with_all = ["interactive", "output", "until"])]
@@ -90,11 +99,13 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
     }
     let files = DiskFiles::new(&source.directory, true);
     let mut workshop = Workshop::remembering(&files, if p.interactive { 200 } else { 1 });
+    workshop = workshop.watched(session);
     begin(&mut workshop, &source, p.until, session)?;
     let tools = vdb::Session::new(&threads, session);
     if p.interactive {
         let draw = |mesh: &PolyMesh, path: &Path| write(p, mesh, path, source.unit, tools);
-        interactive::converse(&mut workshop, session, &draw)?;
+        let met = |mesh: &PolyMesh| touching(mesh, session).ok().flatten().map(|m| m.0);
+        interactive::converse(&mut workshop, session, &draw, &met)?;
     }
     let Some(mesh) = workshop.shared() else {
         if p.interactive {
@@ -185,11 +196,14 @@ fn source(p: &Parameters) -> Result<Source, Failure> {
         Some("toml") => of_recipe(p, path),
         _ => {
             // A mesh is a script of one step; reading it here gives the better error.
-            read_polymesh(path, &LoadOptions::default())?;
+            let words = p.load.as_deref().unwrap_or_default();
+            if words.is_empty() {
+                read_polymesh(path, &LoadOptions::default())?;
+            }
             let name = path.file_name().unwrap_or_default().to_string_lossy();
             Ok(Source {
                 path: path.clone(),
-                text: format!("load \"{name}\"\n"),
+                text: format!("load \"{name}\" {words}\n"),
                 directory,
                 parameters: p.set.clone(),
                 unit,
@@ -329,6 +343,7 @@ fn write(
                 .png()?,
             )?)
         }
+        Some("obj") if p.legacy_colors => Ok(write_legacy_obj(path, mesh)?),
         Some("stl" | "ply" | "3mf") => Ok(write_mesh(path, &cut(mesh)?.mesh, unit)?),
         _ => Ok(write_polymesh(path, mesh)?),
     }

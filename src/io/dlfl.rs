@@ -15,7 +15,7 @@ use super::polymesh::{Draft, by_color};
 use super::source::quote;
 use super::{Place, ReadError, Source, mtl};
 use crate::frame::Vec3;
-use crate::polymesh::{GroupBy, PolyMesh};
+use crate::polymesh::{GroupBy, LoadOptions, PolyMesh};
 use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::path::Path;
@@ -39,7 +39,7 @@ fn index(value: f64, source: &Source, line: &str) -> Result<u32, ReadError> {
     ))
 }
 
-pub(super) fn read(path: &Path, group_by: GroupBy) -> Result<Draft, ReadError> {
+pub(super) fn read(path: &Path, options: &LoadOptions) -> Result<Draft, ReadError> {
     let mut source = Source::open(path)?;
     let mut draft = Draft::default();
     let mut corners: Vec<u32> = Vec::new();
@@ -124,7 +124,7 @@ pub(super) fn read(path: &Path, group_by: GroupBy) -> Result<Draft, ReadError> {
                 // A writer may forget the first material: it is the file's first.
                 colors = found;
             }
-            Err(e) if group_by == GroupBy::Color => {
+            Err(e) if options.group_by == GroupBy::Color => {
                 draft
                     .warnings
                     .push(format!("materials by name, not by colour: {e}"));
@@ -132,7 +132,7 @@ pub(super) fn read(path: &Path, group_by: GroupBy) -> Result<Draft, ReadError> {
             Err(_) => {}
         }
     }
-    by_color(&mut names, &colors, group_by);
+    by_color(&mut names, &colors, options);
     draft.number(&names);
     Ok(draft)
 }

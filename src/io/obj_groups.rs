@@ -4,11 +4,11 @@
 //! colour the faces after them, else, on request, from `g` and `o`, else from colours of vertices where all
 //! corners of a face agree. Written are `usemtl groupN` and numbers that read back exactly.
 
-use super::polymesh::{Draft, by_color};
+use super::polymesh::{Draft, by_color, color_word};
 use super::source::quote;
 use super::{ReadError, Source, mtl};
 use crate::frame::Vec3;
-use crate::polymesh::{GroupBy, PolyMesh};
+use crate::polymesh::{GroupBy, LoadOptions, PolyMesh, group_color};
 use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::path::Path;
@@ -21,7 +21,7 @@ struct Names {
     object: String,
 }
 
-pub(super) fn read(path: &Path, group_by: GroupBy) -> Result<Draft, ReadError> {
+pub(super) fn read(path: &Path, options: &LoadOptions) -> Result<Draft, ReadError> {
     let mut source = Source::open(path)?;
     let mut draft = Draft {
         base: 1,
@@ -81,8 +81,7 @@ pub(super) fn read(path: &Path, group_by: GroupBy) -> Result<Draft, ReadError> {
                         source.bad(quote(&statement), "\"c\" and three numbers from 0 to 1")
                     );
                 };
-                let [r, g, b] = mtl::rounded([r, g, b]);
-                now.color = format!("#{r:02x}{g:02x}{b:02x}");
+                now.color = color_word(mtl::rounded([r, g, b]));
             }
             Some(w) if w.starts_with('#') => {}
             Some(w) if w.chars().all(|c| c.is_ascii_lowercase() || c == '_') => {}
@@ -97,7 +96,7 @@ pub(super) fn read(path: &Path, group_by: GroupBy) -> Result<Draft, ReadError> {
         return Err(source.bad("the end of the file without a face", "faces (f)"));
     }
     indices(&draft, path)?;
-    groups(&mut draft, &names, &tints, &libraries, path, group_by);
+    groups(&mut draft, &names, &tints, &libraries, path, options);
     Ok(draft)
 }
 
@@ -121,8 +120,9 @@ fn groups(
     tints: &[Option<[u8; 3]>],
     libraries: &[String],
     path: &Path,
-    group_by: GroupBy,
+    options: &LoadOptions,
 ) {
+    let group_by = options.group_by;
     let any = |part: fn(&Names) -> &String| names.iter().any(|n| !part(n).is_empty());
     let list = |part: fn(&Names) -> &String| names.iter().map(|n| part(n).clone()).collect();
     let mut words: Vec<String> = if group_by == GroupBy::Object && any(|n| &n.object) {
@@ -141,7 +141,7 @@ fn groups(
         };
         let words = draft.faces.iter().map(|face| {
             if let Some(color) = tint(face) {
-                format!("{color:?}")
+                color.map_or_else(String::new, color_word)
             } else {
                 mixed += 1;
                 String::new()
@@ -170,13 +170,36 @@ fn groups(
             }
         }
     }
-    by_color(&mut words, &colors, group_by);
+    by_color(&mut words, &colors, options);
     draft.number(&words);
 }
 
 /// A mesh as text, with its material file's name.
 pub(super) fn text(mesh: &PolyMesh, library: &str) -> String {
-    let mut text = format!("mtllib {library}\n");
+    let begins = format!("mtllib {library}\n");
+    lines(mesh, begins, |group| format!("usemtl group{group}"))
+}
+
+/// A mesh as text with `c` lines in the place of materials; says which groups would have one colour.
+pub(super) fn legacy_text(mesh: &PolyMesh) -> Result<String, String> {
+    let mut known = BTreeMap::new();
+    for group in mesh.group_counts().into_keys() {
+        if let Some(other) = known.insert(mtl::rounded(group_color(group)), group) {
+            return Err(format!(
+                "groups {other} and {group} have the same colour in 255ths; expected groups that colours tell \
+                 apart: renumber or merge some, or write usemtl lines"
+            ));
+        }
+    }
+    Ok(lines(mesh, String::new(), |group| {
+        let [r, g, b] = group_color(group);
+        format!("c {r:.6} {g:.6} {b:.6}")
+    }))
+}
+
+/// Vertices, and faces with a line before them wherever the group changes.
+fn lines(mesh: &PolyMesh, begins: String, change: impl Fn(u32) -> String) -> String {
+    let mut text = begins;
     for v in mesh.vertices() {
         let _ = writeln!(text, "v {:?} {:?} {:?}", v.x, v.y, v.z);
     }
@@ -184,7 +207,7 @@ pub(super) fn text(mesh: &PolyMesh, library: &str) -> String {
     for (face, &own) in mesh.faces().iter().zip(mesh.groups()) {
         if own != group {
             group = own;
-            let _ = writeln!(text, "usemtl group{group}");
+            let _ = writeln!(text, "{}", change(group));
         }
         text.push('f');
         for &v in face {

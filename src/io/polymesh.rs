@@ -5,7 +5,7 @@ use super::atomic::write_bytes;
 use super::{Place, ReadError, WriteError, dlfl, mtl, obj_groups, read_mesh, write_mesh};
 use crate::frame::{LengthUnit, Vec3};
 use crate::polymesh::{Faces, GroupBy, LoadOptions, Loaded, PolyError, PolyMesh};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashSet};
 use std::path::Path;
 
 /// What a reader found before it is known to be a mesh.
@@ -30,8 +30,8 @@ pub fn read_polymesh(path: impl AsRef<Path>, options: &LoadOptions) -> Result<Lo
     let path = path.as_ref();
     let extension = extension(path);
     let draft = match extension.as_str() {
-        "obj" => obj_groups::read(path, options.group_by)?,
-        "dlfl" => dlfl::read(path, options.group_by)?,
+        "obj" => obj_groups::read(path, options)?,
+        "dlfl" => dlfl::read(path, options)?,
         "stl" | "ply" | "3mf" => {
             let file = read_mesh(path)?;
             let mesh = file.mesh.merged();
@@ -84,6 +84,20 @@ pub fn write_polymesh(path: impl AsRef<Path>, mesh: &PolyMesh) -> Result<u64, Wr
     Ok(size + write_bytes(path.with_extension("mtl"), materials.as_bytes())?)
 }
 
+/// Writes an `.obj` whose groups are colours, by `c r g b` lines before the faces, as the program of the
+/// thesis read them; gives the file's size in bytes. Read again, groups count up in order of appearance.
+///
+/// # Errors
+/// As [`write_polymesh`], and when two groups have the same colour.
+pub fn write_legacy_obj(path: impl AsRef<Path>, mesh: &PolyMesh) -> Result<u64, WriteError> {
+    let path = path.as_ref();
+    let text = obj_groups::legacy_text(mesh).map_err(|reason| WriteError::Format {
+        path: path.to_owned(),
+        reason,
+    })?;
+    write_bytes(path, text.as_bytes())
+}
+
 fn extension(path: &Path) -> String {
     path.extension()
         .map(|e| e.to_string_lossy().to_lowercase())
@@ -128,6 +142,9 @@ impl Draft {
             self.weld(options.weld);
         }
         self.drop_unused();
+        if options.allow_open {
+            self.close();
+        }
         let (base, lines) = (self.base, std::mem::take(&mut self.lines));
         let mesh = PolyMesh::new(self.vertices, self.faces, self.groups);
         let mesh = mesh.map_err(|e| fault(path, &e, base, &lines))?;
@@ -135,6 +152,42 @@ impl Draft {
             mesh: if options.flip { mesh.flipped() } else { mesh },
             warnings: self.warnings,
         })
+    }
+
+    /// Closes each hole with one face, all in a group of their own. Where holes meet at a vertex they stay:
+    /// the mesh then says so.
+    fn close(&mut self) {
+        let edges = |face: &[u32]| {
+            let next = face.iter().copied().cycle().skip(1);
+            face.iter().copied().zip(next).collect::<Vec<_>>()
+        };
+        let known: HashSet<(u32, u32)> = self.faces.iter().flat_map(edges).collect();
+        let mut next: BTreeMap<u32, u32> = BTreeMap::new();
+        for (a, b) in self.faces.iter().flat_map(edges) {
+            if !known.contains(&(b, a)) && next.insert(b, a).is_some() {
+                return;
+            }
+        }
+        let group = self.groups.iter().max().map_or(1, |g| g.saturating_add(1));
+        let mut holes = 0;
+        while let Some((first, mut at)) = next.pop_first() {
+            let mut hole = vec![first];
+            while at != first {
+                hole.push(at);
+                let Some(after) = next.remove(&at) else {
+                    return;
+                };
+                at = after;
+            }
+            self.faces.push(hole);
+            self.groups.push(group);
+            holes += 1;
+        }
+        if holes > 0 {
+            let text =
+                format!("{holes} holes are closed, each with one face; these are group {group}");
+            self.warnings.push(text);
+        }
     }
 
     /// Vertices of no face are left out, with a warning.
@@ -244,7 +297,8 @@ fn fault(path: &Path, error: &PolyError, base: u32, lines: &[u64]) -> ReadError 
             let (from, to) = (vertex(from), vertex(to));
             let found = format!("no face on the other side of the edge from vertex {from} to {to}");
             ReadError::data(path, place, found, closed).with_hint(
-                "close the surface, or load it with weld=DISTANCE if its vertices are apart",
+                "close the surface, or load it with weld=DISTANCE if its vertices are apart, or with \
+                 allow_open=true to have its holes closed",
             )
         }
         PolyError::Pinched { vertex: v, fans } => {
@@ -256,17 +310,48 @@ fn fault(path: &Path, error: &PolyError, base: u32, lines: &[u64]) -> ReadError 
     }
 }
 
-/// Groups by colour instead of by name, where that is asked for.
+/// A colour as the name of a group.
+pub(super) fn color_word([r, g, b]: [u8; 3]) -> String {
+    format!("#{r:02x}{g:02x}{b:02x}")
+}
+
+/// Groups by colour instead of by name, where that is asked for; colours within the tolerance are that of
+/// them which came first.
 pub(super) fn by_color(
     names: &mut [String],
     colors: &BTreeMap<String, [u8; 3]>,
-    group_by: GroupBy,
+    options: &LoadOptions,
 ) {
-    if group_by == GroupBy::Color {
-        for name in names {
-            if let Some([r, g, b]) = colors.get(name.as_str()) {
-                *name = format!("#{r:02x}{g:02x}{b:02x}");
+    if options.group_by == GroupBy::Color {
+        for name in names.iter_mut() {
+            if let Some(color) = colors.get(name.as_str()) {
+                *name = color_word(*color);
             }
         }
+    }
+    if options.color_tolerance == 0.0 {
+        return;
+    }
+    let within = 255.0 * options.color_tolerance + 1e-9;
+    let parts = |word: &str| {
+        let digits = word.strip_prefix('#').filter(|d| d.len() == 6)?;
+        let [_, r, g, b] = u32::from_str_radix(digits, 16).ok()?.to_be_bytes();
+        Some([r, g, b])
+    };
+    let mut first: Vec<[u8; 3]> = Vec::new();
+    let mut known: BTreeMap<String, String> = BTreeMap::new();
+    for name in names {
+        let Some(color) = parts(name) else {
+            continue;
+        };
+        let word = known.entry(name.clone()).or_insert_with(|| {
+            let near = |k: &&[u8; 3]| (0..3).all(|i| f64::from(k[i].abs_diff(color[i])) <= within);
+            let found = first.iter().find(near).copied();
+            if found.is_none() {
+                first.push(color);
+            }
+            color_word(found.unwrap_or(color))
+        });
+        name.clone_from(word);
     }
 }

@@ -23,6 +23,7 @@
 use super::expression::Expression;
 use super::history::{History, Model};
 use super::{PolyMesh, seed};
+use crate::progress::{Progress, Silent};
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
@@ -46,9 +47,10 @@ pub const VERBS: &[(&str, &str)] = &[
     ("torus", "major=2 minor=0.5 counts=[16, 8]"),
     ("form", "SYSTEM group=m-3m a=1 ... [h,k,l]=DISTANCE ...: a crystal of the forms {hkl}"),
     ("push", "[h,k,l] BY: moves a form of that crystal out or in"),
-    ("load", "FILE group_by=material|color|object weld=0 flip=false"),
+    ("load", "FILE group_by=material|color|object color_tol=0 weld=0 flip=false allow_open=false"),
     ("extrude", "KIND FACES dihedral=|tilt= tiers=[...] iterations=1 level=false phase=0"),
     ("remesh", "SCHEME parameters groups=class|keep|parent|distinct|[1, 2, 3]"),
+    ("subdivide", "FACES into=quads|triangles: about their centres"),
     ("assign", "FACES ID|new"),
     ("merge", "ID ID ...: puts all into the first"),
     ("renumber", "groups from 1, in order of their numbers"),
@@ -60,6 +62,8 @@ pub const VERBS: &[(&str, &str)] = &[
     ("save", "FILE"),
 ];
 
+/// Faces beyond which a step takes long enough to be told.
+const WATCHED: usize = 10_000;
 /// Most steps that a script may take, loops unrolled.
 const MOST_STEPS: usize = 100_000;
 
@@ -104,10 +108,15 @@ pub trait Files: Sync {
 pub struct LoadOptions {
     /// What makes a group.
     pub group_by: GroupBy,
+    /// Colours whose red, green and blue differ by no more than this (of 0 to 1) are one group; 0 tells 255ths
+    /// apart.
+    pub color_tolerance: f64,
     /// Vertices nearer than this become one; 0 keeps them.
     pub weld: f64,
     /// Whether faces are turned inside out.
     pub flip: bool,
+    /// Whether holes are closed, each with one face; these get a group of their own.
+    pub allow_open: bool,
 }
 
 /// What makes a group of a file.
@@ -161,6 +170,7 @@ pub struct Workshop<'a> {
     overrides: BTreeMap<String, f64>,
     notes: Vec<Note>,
     steps: usize,
+    progress: &'a dyn Progress,
 }
 
 impl<'a> Workshop<'a> {
@@ -178,7 +188,22 @@ impl<'a> Workshop<'a> {
             overrides: BTreeMap::new(),
             notes: Vec::new(),
             steps: 0,
+            progress: &Silent,
         }
+    }
+
+    /// The same workshop, which tells its steps on large meshes, and stops between two when told to.
+    #[must_use]
+    pub fn watched(self, progress: &'a dyn Progress) -> Self {
+        Self { progress, ..self }
+    }
+
+    /// Says that a step begins; whether it may.
+    fn begins(&self, step: &str) -> bool {
+        if self.mesh().is_some_and(|m| m.face_count() > WATCHED) {
+            self.progress.stage(step, None);
+        }
+        !self.progress.cancelled()
     }
 
     /// Overrides a parameter; the value may be an expression.
@@ -352,6 +377,9 @@ fn items(list: &[Item], workshop: &mut Workshop, until: usize) -> Result<bool, S
                 workshop.steps += 1;
                 if workshop.steps > MOST_STEPS {
                     return Err(statement.fault(0, format!("more than {MOST_STEPS} steps")));
+                }
+                if !workshop.begins(&statement.text) {
+                    return Err(statement.fault(0, "stopped before this step"));
                 }
                 step::carry_out(statement, workshop)?;
             }

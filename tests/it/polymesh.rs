@@ -8,6 +8,7 @@ mod form;
 mod picture;
 mod remesh;
 mod script;
+mod subdivide;
 mod topology;
 
 use druse::frame::Vec3;

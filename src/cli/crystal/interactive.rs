@@ -17,6 +17,7 @@ pub(super) fn converse(
     workshop: &mut Workshop,
     session: &Session,
     draw: &dyn Fn(&PolyMesh, &Path) -> Result<u64, Failure>,
+    met: &dyn Fn(&PolyMesh) -> Option<String>,
 ) -> Result<(), Failure> {
     let prompt = std::io::stdin().is_terminal();
     let mut pending = String::new();
@@ -37,7 +38,7 @@ pub(super) fn converse(
             continue;
         }
         let text = std::mem::take(&mut pending);
-        match reply(text.trim(), workshop, draw) {
+        match reply(text.trim(), workshop, draw, met) {
             None => return Ok(()),
             Some(answer) if session.json() || answer.is_empty() => {}
             Some(answer) => {
@@ -54,6 +55,7 @@ fn reply(
     text: &str,
     workshop: &mut Workshop,
     draw: &dyn Fn(&PolyMesh, &Path) -> Result<u64, Failure>,
+    met: &dyn Fn(&PolyMesh) -> Option<String>,
 ) -> Option<String> {
     let mut words = text.split_whitespace();
     let first = words.next().unwrap_or_default();
@@ -104,7 +106,10 @@ fn reply(
                 .map(|n| format!("note: {}", n.text))
                 .collect();
             match done {
-                Ok(()) => said.push(state(workshop)),
+                Ok(()) => {
+                    said.push(state(workshop));
+                    said.extend(workshop.mesh().and_then(met));
+                }
                 Err(e) => said.push(format!("error: {e}")),
             }
             said.join("\n")

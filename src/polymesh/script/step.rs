@@ -6,7 +6,7 @@ use crate::frame::Vec3;
 use crate::polymesh::form::{Form, SYSTEMS};
 use crate::polymesh::history::Model;
 use crate::polymesh::{
-    Dihedral, Extrusion, Grouping, PolyMesh, Remesh, extrusion_named, extrusion_names,
+    Dihedral, Extrusion, Grouping, Parts, PolyMesh, Remesh, extrusion_named, extrusion_names,
     scheme_names, seed,
 };
 use std::path::Path;
@@ -57,6 +57,7 @@ pub(super) fn carry_out(statement: &Statement, workshop: &mut Workshop) -> Resul
         "load" => load(&mut arguments, workshop),
         "extrude" => extrude(&mut arguments, workshop),
         "remesh" => remesh(&mut arguments, workshop),
+        "subdivide" => subdivide(&mut arguments, workshop),
         "assign" => regroup::assign(&mut arguments, workshop),
         "merge" => regroup::merge(&mut arguments, workshop),
         "renumber" => regroup::renumber(&arguments, workshop),
@@ -225,10 +226,16 @@ fn load(a: &mut Arguments, workshop: &Workshop) -> Done {
     if weld < 0.0 {
         return Err(a.fault(format!("weld = {weld}; expected a distance from 0")));
     }
+    let color_tolerance = a.number("color_tol")?.unwrap_or(0.0);
+    if !(0.0..=1.0).contains(&color_tolerance) {
+        return Err(a.fault(format!("color_tol = {color_tolerance}; expected 0 to 1")));
+    }
     let options = LoadOptions {
         group_by,
+        color_tolerance,
         weld,
         flip: a.flag("flip")?,
+        allow_open: a.flag("allow_open")?,
     };
     let loaded = workshop.files.load(file(word), &options);
     let loaded = loaded.map_err(|e| a.fault(e))?;
@@ -355,6 +362,23 @@ fn remesh(a: &mut Arguments, workshop: &Workshop) -> Done {
         .of(mesh)
         .map(Outcome::mesh)
         .map_err(|e| a.fault(e.to_string()))
+}
+
+fn subdivide(a: &mut Arguments, workshop: &Workshop) -> Done {
+    let chosen = a.faces()?;
+    let into = match a.value("into")?.as_ref().map(|w| w.text.as_str()) {
+        None | Some("quads") => Parts::Quads,
+        Some("triangles") => Parts::Triangles,
+        Some(other) => {
+            return Err(a.fault(format!("into = {other:?}; expected quads or triangles")));
+        }
+    };
+    let (mesh, last) = mesh_of(a, workshop)?
+        .subdivided(&chosen, into)
+        .map_err(|e| a.fault(e.to_string()))?;
+    let mut outcome = Outcome::mesh(mesh);
+    outcome.model.last = last;
+    Ok(outcome)
 }
 
 fn place(a: &mut Arguments, workshop: &Workshop) -> Done {

@@ -1,8 +1,8 @@
 //! OBJ and DLFL: groups and start vertices come back, bad files are named by line and face.
 
 use super::{data, indices, json};
-use druse::io::{Place, ReadError, read_mesh, read_polymesh, write_polymesh};
-use druse::polymesh::{GroupBy, LoadOptions, Loaded, PolyMesh, seed};
+use druse::io::{Place, ReadError, read_mesh, read_polymesh, write_legacy_obj, write_polymesh};
+use druse::polymesh::{GroupBy, LoadOptions, Loaded, PolyMesh, group_color, seed};
 use proptest::prelude::*;
 use std::fmt::Write as _;
 use std::fs;
@@ -238,4 +238,108 @@ proptest! {
         let volume = read_mesh(&path).unwrap().mesh.volume();
         prop_assert!((volume / mesh.volume() - 1.0).abs() < 1e-5);
     }
+}
+
+#[test]
+fn groups_as_colours_come_back_in_order_of_appearance() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("a.obj");
+    let cube = seed::platonic("cube", 1.0).unwrap();
+    let mesh = cube.clone().with_groups(vec![7, 7, 3, 3, 9, 7]);
+    write_legacy_obj(&path, &mesh).unwrap();
+    let text = fs::read_to_string(&path).unwrap();
+    assert_eq!(text.matches("\nc ").count(), 4, "{text}");
+    assert!(!text.contains("usemtl") && !path.with_extension("mtl").exists());
+    let again = read(&path).unwrap().mesh;
+    assert_eq!(again.groups(), [1, 1, 2, 2, 3, 1]);
+    assert_eq!(again.faces(), mesh.faces());
+    // Hues come round again: colours that no file tells apart are refused.
+    let twins = (2..100_000).find(|&g| {
+        let far = |k: usize| (group_color(g)[k] - group_color(1)[k]).abs();
+        (0..3).all(|k| far(k) < 1e-4)
+    });
+    let mesh = cube.with_groups(vec![1, twins.unwrap(), 1, 1, 1, 1]);
+    let error = write_legacy_obj(&path, &mesh).unwrap_err().to_string();
+    assert!(error.contains("have the same colour"), "{error}");
+}
+
+#[test]
+fn near_colours_are_one_group_on_request() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("a.obj");
+    let corners = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\n";
+    let faces = [
+        "c 1 0 0\nf 1 3 2\n",
+        "c .99 0 0\nf 1 2 4\n",
+        "c .97 0 0\nf 2 3 4\n",
+        "c 0 0 1\nf 1 4 3\n",
+    ];
+    fs::write(&path, corners.to_owned() + &faces.concat()).unwrap();
+    let within = |color_tolerance| {
+        let options = LoadOptions {
+            color_tolerance,
+            ..LoadOptions::default()
+        };
+        read_polymesh(&path, &options)
+            .unwrap()
+            .mesh
+            .groups()
+            .to_vec()
+    };
+    assert_eq!(within(0.0), [1, 2, 3, 4]);
+    assert_eq!(within(0.015), [1, 1, 2, 3]);
+    assert_eq!(within(0.04), [1, 1, 1, 2]);
+    assert_eq!(within(1.0), [1; 4]);
+}
+
+#[test]
+fn holes_are_closed_on_request() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("a.obj");
+    let cube = seed::platonic("cube", 2.0).unwrap();
+    write_polymesh(&path, &cube).unwrap();
+    let whole = fs::read_to_string(&path).unwrap();
+    let open = LoadOptions {
+        allow_open: true,
+        ..LoadOptions::default()
+    };
+    // Without two faces that do not touch: two holes.
+    let lacking = |faces: [usize; 2]| {
+        let mut f = 0;
+        let kept = whole.lines().filter(|l| {
+            f += usize::from(l.starts_with("f "));
+            !(l.starts_with("f ") && faces.contains(&f))
+        });
+        kept.collect::<Vec<_>>().join("\n")
+    };
+    let opposite = (1..6)
+        .find(|&f| cube.normal(f).dot(&cube.normal(0)) < -0.5)
+        .unwrap();
+    fs::write(&path, lacking([1, opposite + 1])).unwrap();
+    assert!(
+        read(&path)
+            .unwrap_err()
+            .hint()
+            .unwrap()
+            .contains("allow_open=true")
+    );
+    let loaded = read_polymesh(&path, &open).unwrap();
+    assert!((loaded.mesh.volume() - 8.0).abs() < 1e-12);
+    assert_eq!(loaded.mesh.group_counts(), [(1, 4), (2, 2)].into());
+    assert!(
+        loaded.warnings[0].contains("2 holes are closed"),
+        "{:?}",
+        loaded.warnings
+    );
+    // Without two neighbours: one hole with six corners.
+    let beside = (1..6).find(|&f| f != opposite).unwrap();
+    fs::write(&path, lacking([1, beside + 1])).unwrap();
+    let one = read_polymesh(&path, &open).unwrap().mesh;
+    assert_eq!(
+        (one.face_count(), one.face(4).len(), one.euler()),
+        (5, 6, 2)
+    );
+    // What is closed stays as it is.
+    fs::write(&path, &whole).unwrap();
+    assert_eq!(read_polymesh(&path, &open).unwrap().mesh, cube);
 }

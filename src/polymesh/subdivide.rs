@@ -1,0 +1,74 @@
+//! Chosen faces cut into quads or triangles about their centres.
+//!
+//! Quads: a face with n corners becomes n, each from a corner over the middles of its two edges to the
+//! centre; neighbours that are not chosen get those middles as corners. Triangles: n, each from an edge to the
+//! centre. The parts keep the group of their face and begin at its corner i; they come last, in the order of
+//! their faces, after the faces that stay.
+
+use super::{Faces, PolyError, PolyMesh};
+use crate::frame::Vec3;
+use std::collections::HashMap;
+
+/// What faces are cut into.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Parts {
+    /// One for each corner.
+    #[default]
+    Quads,
+    /// One for each edge.
+    Triangles,
+}
+
+impl PolyMesh {
+    /// The mesh with the chosen faces (one answer a face) cut up, and the first of their parts.
+    ///
+    /// # Errors
+    /// [`PolyError::TooMany`].
+    ///
+    /// # Panics
+    /// When `chosen` has another length than there are faces.
+    pub fn subdivided(&self, chosen: &[bool], into: Parts) -> Result<(Self, usize), PolyError> {
+        assert_eq!(chosen.len(), self.face_count());
+        let mut vertices = self.vertices().to_vec();
+        let mut middles: HashMap<(u32, u32), u32> = HashMap::new();
+        let edges = |f: usize| {
+            let face = self.face(f);
+            face.iter()
+                .copied()
+                .zip(face.iter().copied().cycle().skip(1))
+        };
+        let selected = || (0..chosen.len()).filter(|&f| chosen[f]);
+        if into == Parts::Quads {
+            for (a, b) in selected().flat_map(edges) {
+                middles.entry((a.min(b), a.max(b))).or_insert_with(|| {
+                    let ends = [a, b].map(|v| self.vertices()[v as usize]);
+                    vertices.push(ends.iter().sum::<Vec3>() / 2.0);
+                    vertices.len() as u32 - 1
+                });
+            }
+        }
+        let middle = |a: u32, b: u32| middles.get(&(a.min(b), a.max(b))).copied();
+        let mut faces = Faces::default();
+        let mut groups = Vec::new();
+        for f in (0..chosen.len()).filter(|&f| !chosen[f]) {
+            faces.push(edges(f).flat_map(|(a, b)| std::iter::once(a).chain(middle(a, b))));
+            groups.push(self.groups()[f]);
+        }
+        let first = faces.len();
+        for f in selected() {
+            let centre = vertices.len() as u32;
+            vertices.push(self.centre(f));
+            let mut before = edges(f).last().and_then(|(a, b)| middle(a, b));
+            for (a, b) in edges(f) {
+                let after = middle(a, b);
+                match (before, after) {
+                    (Some(before), Some(after)) => faces.push([a, after, centre, before]),
+                    _ => faces.push([a, b, centre]),
+                }
+                groups.push(self.groups()[f]);
+                before = after;
+            }
+        }
+        Ok((Self::new(vertices, faces, groups)?, first))
+    }
+}
