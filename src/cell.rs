@@ -20,9 +20,11 @@
 //! | hex | Oh, O, T, Th, Td, D4h, D2h, C4v, C3v, C1 | cubic |
 //! | wedge | D3h, C3v, C1 | hexprism |
 //! | pyramid | C4v, C1 | fcc1, tetragonal |
+//! | ball | Ih | icosahedral |
 //!
 //! The first group (the whole one) and the first lattice are the defaults; any other group that
-//! keeps the element and the lattice will do.
+//! keeps the element and the lattice will do. The ball is no element of a scaffold: the icosahedral
+//! group has no lattice in space, and a cell of it is one solid that stands alone ([`Icosahedral`]).
 //!
 //! [`fit()`] and [`fit_source`] make a cell from geometry, [`Surface`] from a closed form; [`Table`] is
 //! the fast evaluation, [`Cell::from_json`] and [`Cell::to_json`] the text of a `.cell` file.
@@ -50,6 +52,7 @@ mod file;
 mod fit;
 mod form;
 mod hybrid;
+mod icosahedral;
 mod level;
 pub mod minkowski;
 mod pairing;
@@ -71,7 +74,7 @@ pub use fit::{
 };
 pub use form::{Form, Node};
 pub use hybrid::Join;
-#[cfg(test)]
+pub use icosahedral::Icosahedral;
 pub(crate) use pairing::operators_of;
 pub use pairing::{default_group, groups, lattices, symmetry};
 pub use series::{Coefficient, Series};

@@ -12,6 +12,10 @@
 //! sum over an orbit of m members (Eq. 1-8 of the symmetric Fourier construction, with the
 //! conjugate in Eq. 8 restored).
 //!
+//! The icosahedral group has no lattice in space, but one in six dimensions: the functions that are
+//! periodic there, seen in the first three (x, 0), are sums of plane waves whose frequencies form a
+//! module of rank 6. Coordinates beyond z are named u, v, w.
+//!
 //! ```
 //! use druse::symmetry::{Lattice, PointGroup};
 //! let td = PointGroup::named("Td", &Lattice::<3>::named("fcc2").unwrap()).unwrap();
@@ -83,7 +87,8 @@ pub enum SymmetryError {
     #[error(
         "group {group} is not crystallographic: no lattice in space has axes of order 5 (a rotation \
          by 72 degrees has the trace 1.618, which no integer matrix has), so that no cell with it can \
-         repeat over a scaffold; its largest crystallographic subgroup is Th"
+         repeat over a scaffold: Ih goes with element = \"ball\", one solid that stands alone; its \
+         largest crystallographic subgroup is Th"
     )]
     NoLattice {
         /// The group.

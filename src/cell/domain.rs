@@ -9,6 +9,10 @@
 //!
 //! A flag of a planar element is the triangle (centroid, vertex, edge midpoint), c = 0. What holds
 //! volumes of a planar cell is the domain of the prism over it, [`Domain::solid`].
+//!
+//! The flags of the ball are those of the icosahedron in it, drawn out to the sphere so that equal
+//! volumes stay equal: a is the radius, and on the sphere a triangle is mapped onto the spherical one
+//! as Arvo does to sample it (*Stratified sampling of spherical triangles*, 1995).
 
 use crate::frame::{CellPoint, Element, Mat3, Vec3};
 
@@ -19,13 +23,39 @@ pub(super) struct Flag {
     pub corners: [Vec3; 4],
     /// The part of the element that it and its images fill.
     pub share: f64,
+    /// Whether it is drawn out to the sphere.
+    round: bool,
 }
 
 impl Flag {
     /// The point with ordered coordinates (a, b, c).
     pub fn point(&self, coordinates: [f64; 3]) -> CellPoint<3> {
-        point(&self.corners, coordinates)
+        if self.round {
+            rounded(&self.corners, coordinates)
+        } else {
+            point(&self.corners, coordinates)
+        }
     }
+}
+
+/// The point of a flag of the ball. Its corners are a vertex, the middle of an edge, where the angle
+/// is right, and that of a face of the icosahedron.
+fn rounded(flag: &[Vec3; 4], [a, b, c]: [f64; 3]) -> CellPoint<3> {
+    // The whole sphere by the number of flags.
+    const ANGLE: f64 = std::f64::consts::PI / 30.0;
+    let [vertex, edge, face] = [1, 2, 3].map(|i| flag[i].normalize());
+    // From one unit vector to another, so far that the product with the first is `cosine`.
+    let toward = |from: Vec3, to: Vec3, cosine: f64| {
+        let across = (to - from * from.dot(&to)).try_normalize(1e-300);
+        let sine = (1.0 - cosine * cosine).max(0.0).sqrt();
+        from * cosine + across.unwrap_or_default() * sine
+    };
+    let area = if b > 0.0 { c / b } else { 0.0 } * ANGLE;
+    let (cosine, side) = (area.cos(), edge.dot(&vertex));
+    let on_side = toward(edge, face, (cosine - side) / (1.0 - side * cosine));
+    let share = if a > 0.0 { b / a } else { 0.0 };
+    let height = 1.0 - share * share * (1.0 - on_side.dot(&vertex));
+    CellPoint(toward(vertex, on_side, height) * (a * flag[1].norm()))
 }
 
 /// One flag of each orbit; the shares add up to 1.
@@ -57,13 +87,18 @@ impl Domain {
                 chosen.push((corners, mark));
             }
         }
-        let images = operators.len() as f64 / element.measure();
+        let total: f64 = all_flags(element)
+            .iter()
+            .map(|f| measure(f, element.dimension()))
+            .sum();
+        let images = operators.len() as f64 / total;
         Self {
             flags: chosen
                 .into_iter()
                 .map(|(corners, _)| Flag {
                     share: measure(&corners, element.dimension()) * images,
                     corners,
+                    round: element == Element::Ball,
                 })
                 .collect(),
         }
@@ -227,6 +262,34 @@ mod tests {
             let whole = operators(element, default_group(element));
             assert_eq!(whole.len(), element.symmetry_order());
             assert_eq!(Domain::new(element, &whole).flags.len(), count);
+        }
+    }
+
+    #[test]
+    fn equal_parts_of_the_ball_have_equal_volumes() {
+        let group = operators(Element::Ball, "Ih");
+        assert_eq!(group.len(), 120);
+        let domain = Domain::new(Element::Ball, &group);
+        let [flag] = domain.flags.as_slice() else {
+            panic!("{} flags", domain.flags.len());
+        };
+        assert!((flag.share - 1.0).abs() < 1e-12);
+        let volume = |from: [f64; 3], step: f64| {
+            let edge = |axis: usize| {
+                let mut to = from;
+                to[axis] += step;
+                (flag.point(to).0 - flag.point(from).0) / step
+            };
+            edge(0).cross(&edge(1)).dot(&edge(2)).abs()
+        };
+        // A sixth of the unit cube is mapped onto the flag.
+        let exact = 6.0 * Element::Ball.measure() / 120.0;
+        for from in [[0.9, 0.5, 0.2], [0.6, 0.55, 0.1], [0.99, 0.98, 0.9], [0.5, 0.2, 0.19]] {
+            assert!((volume(from, 1e-6) / exact - 1.0).abs() < 1e-4, "{from:?}");
+        }
+        for (corner, at) in [[1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [1.0; 3]].iter().zip(1..) {
+            let direction = flag.corners[at].normalize();
+            assert!((flag.point(*corner).0 - direction * 0.5).norm() < 1e-12);
         }
     }
 

@@ -10,7 +10,8 @@
 //! Each inner list of `lattice` is one lattice vector. `c` = (re, im) multiplies every exponential
 //! exp(2 pi i k.u), x = L u, of the orbit of `k`; each orbit pair +-k is listed once, and the opposite
 //! orbit has the conjugate. `gamma` and `report` may be missing. Planar elements have two lattice
-//! vectors of two components and two indices. A group that has no name here is written with its
+//! vectors of two components and two indices; cells of the `ball`, whose group is Ih, six vectors of
+//! six components, of which the last three are internal (x = (x, y, z, 0, 0, 0)), and six indices. A group that has no name here is written with its
 //! `generators`, operators such as `x,-z,y` on the lattice coordinates u.
 //!
 //! A function that is not one series has, in the place of `group`, `lattice` and `coefficients`, an
@@ -79,7 +80,8 @@ fn version<'de, D: Deserializer<'de>>(d: D) -> Result<(), D::Error> {
 }
 
 fn element<'de, D: Deserializer<'de>>(d: D) -> Result<Element, D::Error> {
-    let known: Vec<&str> = Element::ALL.iter().map(|e| e.name()).collect();
+    let all = Element::ALL.into_iter().chain([Element::Ball]);
+    let known: Vec<&str> = all.map(Element::name).collect();
     word(d, "element", &known.join(", "), Element::from_name)
 }
 
@@ -214,6 +216,11 @@ fn write_form(text: &mut String, form: &Form) {
             write_series(text, s);
             text.push_str("}}");
         }
+        Node::Icosahedral(s) => {
+            text.push_str("{\"series\": {\n");
+            write_series(text, s.series());
+            text.push_str("}}");
+        }
         Node::Sum(parts) => {
             text.push_str("{\"sum\": [");
             for (n, (weight, part)) in parts.iter().enumerate() {
@@ -298,6 +305,7 @@ impl Cell {
         match self.form.node() {
             Node::Series(series) => write_series(&mut text, series),
             Node::Planar(series) => write_series(&mut text, series),
+            Node::Icosahedral(s) => write_series(&mut text, s.series()),
             _ => {
                 text.push_str("  \"expression\": ");
                 write_form(&mut text, &self.form);

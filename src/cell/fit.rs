@@ -109,6 +109,9 @@ pub fn fit_samples(
         n.pow(dimension as u32),
         "n samples along every axis"
     );
+    if element == Element::Ball {
+        options.check_ball()?;
+    }
     let (group, lattice_name) = (&options.group, &options.lattice);
     let inverse = if dimension == 2 {
         let (_, lattice) =
@@ -147,6 +150,9 @@ pub fn fit_samples(
 /// # Errors
 /// [`CellError::Unfitting`] for a lattice or group of another element.
 pub fn band_of_samples(element: Element, options: &FitOptions, n: usize) -> Result<f64, CellError> {
+    if element == Element::Ball {
+        options.check_ball()?;
+    }
     let (group, lattice) = (options.group.as_deref(), options.lattice.as_deref());
     Ok(if element.dimension() == 2 {
         largest_band(&super::symmetry::<2>(element, group, lattice)?.1, n)

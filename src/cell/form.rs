@@ -10,6 +10,7 @@
 //! when a or b grows. Of more than two the first two are taken first.
 
 use super::pairing::embedded;
+use super::icosahedral::Icosahedral;
 use super::{CellError, Series};
 use crate::frame::Mat3;
 use std::sync::Arc;
@@ -27,6 +28,8 @@ pub enum Node {
     Series(Series<3>),
     /// A series in the plane, constant along z.
     Planar(Series<2>),
+    /// A series over the icosahedral module.
+    Icosahedral(Icosahedral),
     /// The sum of functions times their weights.
     Sum(Vec<(f64, Form)>),
     /// The least value; rounded where values are closer than the radius, in field units.
@@ -46,6 +49,7 @@ pub enum Node {
 pub(super) enum Leaf<'a> {
     Series(&'a Series<3>),
     Planar(&'a Series<2>),
+    Icosahedral(&'a Icosahedral),
 }
 
 /// More parts than any expression needs, all nodes counted.
@@ -60,6 +64,13 @@ impl From<Series<3>> for Form {
 impl From<Series<2>> for Form {
     fn from(series: Series<2>) -> Self {
         Self(Arc::new(Node::Planar(series)))
+    }
+}
+
+impl From<Series<6>> for Form {
+    /// The series seen in space, where its internal coordinates are 0.
+    fn from(series: Series<6>) -> Self {
+        Self(Arc::new(Node::Icosahedral(series.into())))
     }
 }
 
@@ -81,6 +92,14 @@ impl Form {
     pub fn planar(&self) -> Option<&Series<2>> {
         match self.node() {
             Node::Planar(s) => Some(s),
+            _ => None,
+        }
+    }
+
+    /// The series, if it is one over the icosahedral module.
+    pub fn icosahedral(&self) -> Option<&Series<6>> {
+        match self.node() {
+            Node::Icosahedral(s) => Some(s.series()),
             _ => None,
         }
     }
@@ -119,6 +138,7 @@ impl Form {
         match self.node() {
             Node::Series(s) => Some(s.scaled(factor).into()),
             Node::Planar(s) => Some(s.scaled(factor).into()),
+            Node::Icosahedral(s) => Some(s.series().scaled(factor).into()),
             _ => (factor == 1.0).then(|| self.clone()),
         }
     }
@@ -128,6 +148,9 @@ impl Form {
         match (self.node(), other.node()) {
             (Node::Series(s), Node::Series(t)) => s.plus(a, t, b).map(Self::from),
             (Node::Planar(s), Node::Planar(t)) => s.plus(a, t, b).map(Self::from),
+            (Node::Icosahedral(s), Node::Icosahedral(t)) => {
+                s.series().plus(a, t.series(), b).map(Self::from)
+            }
             _ => None,
         }
     }
@@ -179,6 +202,7 @@ impl Form {
         match self.node() {
             Node::Series(s) => s.lowered(by).into(),
             Node::Planar(s) => s.lowered(by).into(),
+            Node::Icosahedral(s) => s.series().lowered(by).into(),
             Node::Shift(inner, more) => Self(Arc::new(Node::Shift(inner.clone(), by + more))),
             _ => Self(Arc::new(Node::Shift(self.clone(), by))),
         }
@@ -190,6 +214,7 @@ impl Form {
         match self.node() {
             Node::Series(s) => s.scaled(-1.0).into(),
             Node::Planar(s) => s.scaled(-1.0).into(),
+            Node::Icosahedral(s) => s.series().scaled(-1.0).into(),
             Node::Negation(inner) => inner.clone(),
             _ => Self(Arc::new(Node::Negation(self.clone()))),
         }
@@ -198,7 +223,7 @@ impl Form {
     /// The parts of the node.
     fn parts(&self) -> Vec<&Self> {
         match self.node() {
-            Node::Series(_) | Node::Planar(_) => Vec::new(),
+            Node::Series(_) | Node::Planar(_) | Node::Icosahedral(_) => Vec::new(),
             Node::Sum(parts) => parts.iter().map(|p| &p.1).collect(),
             Node::Least(parts, _) | Node::Greatest(parts, _) => parts.iter().collect(),
             Node::Magnitude(part) | Node::Shift(part, _) | Node::Negation(part) => vec![part],
@@ -215,6 +240,7 @@ impl Form {
         match self.node() {
             Node::Series(s) => vec![Leaf::Series(s)],
             Node::Planar(s) => vec![Leaf::Planar(s)],
+            Node::Icosahedral(s) => vec![Leaf::Icosahedral(s)],
             _ => self.parts().into_iter().flat_map(Self::leaves).collect(),
         }
     }
@@ -224,6 +250,7 @@ impl Form {
         let count = |l: &Leaf| match l {
             Leaf::Series(s) => s.coefficients().len(),
             Leaf::Planar(s) => s.coefficients().len(),
+            Leaf::Icosahedral(s) => s.series().coefficients().len(),
         };
         self.leaves().iter().map(count).sum()
     }
@@ -233,6 +260,7 @@ impl Form {
         let count = |l: &Leaf| match l {
             Leaf::Series(s) => s.exponentials().len(),
             Leaf::Planar(s) => s.exponentials().len(),
+            Leaf::Icosahedral(s) => s.series().exponentials().len(),
         };
         self.leaves().iter().map(count).sum()
     }
@@ -242,6 +270,7 @@ impl Form {
         let count = |l: &Leaf| match l {
             Leaf::Series(s) => s.degrees_of_freedom(),
             Leaf::Planar(s) => s.degrees_of_freedom(),
+            Leaf::Icosahedral(s) => s.series().degrees_of_freedom(),
         };
         self.leaves().iter().map(count).sum()
     }
@@ -251,6 +280,7 @@ impl Form {
         let limit = |l: &Leaf| match l {
             Leaf::Series(s) => s.band_limit(),
             Leaf::Planar(s) => s.band_limit(),
+            Leaf::Icosahedral(s) => s.band_limit(),
         };
         self.leaves().iter().map(limit).fold(0.0, f64::max)
     }
@@ -286,6 +316,7 @@ impl Leaf<'_> {
         match self {
             Self::Series(_) => 3,
             Self::Planar(_) => 2,
+            Self::Icosahedral(_) => 6,
         }
     }
 
@@ -293,6 +324,7 @@ impl Leaf<'_> {
         match self {
             Self::Series(s) => s.group().name(),
             Self::Planar(s) => s.group().name(),
+            Self::Icosahedral(s) => s.series().group().name(),
         }
     }
 
@@ -300,6 +332,7 @@ impl Leaf<'_> {
         match self {
             Self::Series(s) => embedded(s.group(), s.lattice()),
             Self::Planar(s) => embedded(s.group(), s.lattice()),
+            Self::Icosahedral(s) => embedded(s.series().group(), s.series().lattice()),
         }
     }
 
@@ -307,6 +340,7 @@ impl Leaf<'_> {
         match self {
             Self::Series(s) => s.lattice().name(),
             Self::Planar(s) => s.lattice().name(),
+            Self::Icosahedral(s) => s.series().lattice().name(),
         }
     }
 
@@ -315,6 +349,7 @@ impl Leaf<'_> {
             || match self {
                 Self::Series(s) => format!("{:?}", s.lattice().vectors()),
                 Self::Planar(s) => format!("{:?}", s.lattice().vectors()),
+                Self::Icosahedral(s) => format!("{:?}", s.series().lattice().vectors()),
             },
             str::to_owned,
         )

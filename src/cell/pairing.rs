@@ -6,7 +6,7 @@ use crate::symmetry::{GroupText, Lattice, PointGroup};
 use nalgebra::SMatrix;
 
 /// Element, the named groups of its symmetries, and its lattices; the first of each is the default.
-const PAIRINGS: [(Element, &[&str], &[&str]); 6] = [
+const PAIRINGS: [(Element, &[&str], &[&str]); 7] = [
     (Element::Tri, &["D3", "C1"], &["hex2"]),
     (Element::Quad, &["D4", "C1"], &["square"]),
     (Element::Tet, &["Td", "T", "C3v", "C1"], &["fcc2", "cubic"]),
@@ -17,7 +17,16 @@ const PAIRINGS: [(Element, &[&str], &[&str]); 6] = [
     ),
     (Element::Wedge, &["D3h", "C3v", "C1"], &["hexprism"]),
     (Element::Pyramid, &["C4v", "C1"], &["fcc1", "tetragonal"]),
+    (Element::Ball, &["Ih"], &["icosahedral"]),
 ];
+
+/// Dimension of an element's lattices: its own, of the ball that of the icosahedral module.
+pub(super) const fn rank(element: Element) -> usize {
+    match element {
+        Element::Ball => 6,
+        _ => element.dimension(),
+    }
+}
 
 /// The name of the group that makes cells independent of the numbering of an element's nodes.
 pub fn default_group(element: Element) -> &'static str {
@@ -52,12 +61,12 @@ pub fn symmetry<const D: usize>(
     };
     let own = written.as_ref().and_then(|t| t.lattice.clone());
     let name = lattice.or(own.as_deref()).unwrap_or(lattices(element)[0]);
-    if element.dimension() != D {
+    if rank(element) != D {
         return Err(unfitting(
             element,
             "dimension",
             D.to_string(),
-            element.dimension().to_string(),
+            rank(element).to_string(),
         ));
     }
     if !lattices(element).contains(&name) {
@@ -86,8 +95,13 @@ fn unfitting(element: Element, what: &'static str, found: String, expected: Stri
 }
 
 fn check_group(element: Element, name: &str, operators: &[Mat3]) -> Result<(), CellError> {
-    if operators.iter().all(|q| element.is_kept_by(q)) {
+    // Of the ball only the whole group: its series are summed as even in x, y and z.
+    let whole = element != Element::Ball || operators.len() == element.symmetry_order();
+    if whole && operators.iter().all(|q| element.is_kept_by(q)) {
         return Ok(());
+    }
+    if element == Element::Ball {
+        return Err(unfitting(element, "group", name.to_owned(), "Ih".to_owned()));
     }
     let expected = format!(
         "{}, or another group of symmetries of the {}",
@@ -97,7 +111,8 @@ fn check_group(element: Element, name: &str, operators: &[Mat3]) -> Result<(), C
     Err(unfitting(element, "group", name.to_owned(), expected))
 }
 
-/// The Cartesian operators of a group as maps of space; planar ones leave z in place.
+/// The Cartesian operators of a group as maps of space; planar ones leave z in place, of those with
+/// internal coordinates the part in space counts.
 pub(super) fn embedded<const D: usize>(group: &PointGroup<D>, lattice: &Lattice<D>) -> Vec<Mat3> {
     let in_space = |q: &SMatrix<f64, D, D>| {
         Mat3::from_fn(|i, j| match (i < D, j < D) {
@@ -118,12 +133,12 @@ fn contains(list: &[Mat3], q: &Mat3) -> bool {
 pub(super) fn symmetry_of(element: Element, form: &Form) -> Result<(String, Vec<Mat3>), CellError> {
     let mut found: Option<(String, Vec<Mat3>)> = None;
     for leaf in form.leaves() {
-        if leaf.dimension() != element.dimension() {
+        if leaf.dimension() != rank(element) {
             return Err(unfitting(
                 element,
                 "dimension",
                 leaf.dimension().to_string(),
-                element.dimension().to_string(),
+                rank(element).to_string(),
             ));
         }
         let operators = leaf.operators();
@@ -167,11 +182,13 @@ pub(super) fn symmetry_of(element: Element, form: &Form) -> Result<(String, Vec<
 
 /// The Cartesian operators of a named group of an element.
 pub(crate) fn operators_of(element: Element, group: &str) -> Result<Vec<Mat3>, CellError> {
-    if element.dimension() == 2 {
-        let (group, lattice) = symmetry::<2>(element, Some(group), None)?;
+    fn of<const D: usize>(element: Element, group: &str) -> Result<Vec<Mat3>, CellError> {
+        let (group, lattice) = symmetry::<D>(element, Some(group), None)?;
         Ok(embedded(&group, &lattice))
-    } else {
-        let (group, lattice) = symmetry::<3>(element, Some(group), None)?;
-        Ok(embedded(&group, &lattice))
+    }
+    match rank(element) {
+        2 => of::<2>(element, group),
+        3 => of::<3>(element, group),
+        _ => of::<6>(element, group),
     }
 }

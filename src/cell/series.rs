@@ -1,7 +1,7 @@
 //! Symmetric Fourier series: coefficients per orbit pair on a shared basis, evaluated exactly.
 
 use super::CellError;
-use super::wave::Waves;
+use super::wave::{AXES, Waves};
 use crate::field::{Field, Interval};
 use crate::frame::{CellBox, CellPoint};
 use crate::symmetry::{Frequency, Lattice, PointGroup};
@@ -275,11 +275,11 @@ impl<const D: usize> Series<D> {
         }
     }
 
-    fn lattice_point(&self, p: CellPoint<D>) -> [f64; 3] {
+    fn lattice_point(&self, p: CellPoint<D>) -> [f64; AXES] {
         let u = self.lattice.inverse() * p.0;
-        let mut padded = [0.0; 3];
+        let mut padded = [0.0; AXES];
         for a in 0..D {
-            padded[3 - D + a] = u[a];
+            padded[AXES - D + a] = u[a];
         }
         padded
     }
@@ -296,10 +296,10 @@ impl<const D: usize> std::fmt::Debug for Series<D> {
     }
 }
 
-/// Puts planar indices on the last axes, where the inner loop runs.
-fn pad<const D: usize>(k: Frequency<D>) -> [i32; 3] {
-    let mut padded = [0; 3];
-    padded[3 - D..].copy_from_slice(&k);
+/// Puts the indices on the last axes, where the inner loop runs.
+fn pad<const D: usize>(k: Frequency<D>) -> [i32; AXES] {
+    let mut padded = [0; AXES];
+    padded[AXES - D..].copy_from_slice(&k);
     padded
 }
 
@@ -312,7 +312,7 @@ impl<const D: usize> Field for Series<D> {
 
     fn value_and_gradient(&self, p: CellPoint<D>) -> (f64, SVector<f64, D>) {
         let (v, g) = self.waves.value_and_gradient(self.lattice_point(p));
-        let g = SVector::<f64, D>::from_fn(|a, _| g[3 - D + a]);
+        let g = SVector::<f64, D>::from_fn(|a, _| g[AXES - D + a]);
         (v, self.lattice.inverse().tr_mul(&g))
     }
 

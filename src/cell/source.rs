@@ -107,7 +107,7 @@ impl Source {
             Box::new(move |p| factor * value(back.point(p)))
         };
         let bounds = map.bounds(bounds);
-        let inside = bounds.intersection(Aabb::of(element.vertices()));
+        let inside = bounds.intersection(element_box(element));
         // Of planar elements the area: their sources are flat.
         let extent = |b: Aabb| {
             if b.is_empty() {
@@ -173,7 +173,7 @@ impl Source {
         let everywhere = placement
             .affine(element, Aabb::EMPTY)?
             .inverse()
-            .bounds(Aabb::of(element.vertices()));
+            .bounds(element_box(element));
         Self::placed(
             SourceKind::Formula,
             element,
@@ -276,6 +276,15 @@ impl Source {
     /// What was odd about it, one sentence each, in lower case.
     pub fn warnings(&self) -> &[String] {
         &self.warnings
+    }
+}
+
+/// The box around an element.
+fn element_box(element: Element) -> Aabb {
+    let own = element.cell_box();
+    Aabb {
+        min: own.min,
+        max: own.max,
     }
 }
 

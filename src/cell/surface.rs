@@ -176,7 +176,7 @@ impl Surface {
             Element::Tri | Element::Quad => {
                 return Err(no_form("it is a surface of three dimensions"));
             }
-            Element::Wedge | Element::Pyramid => {
+            Element::Wedge | Element::Pyramid | Element::Ball => {
                 return Err(no_form(
                     "its periods are those of a cube; use it with hexes or tets",
                 ));

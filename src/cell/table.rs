@@ -10,7 +10,8 @@
 //!
 //! Conventions: the table holds Phi minus its level (Phi itself for a sheet, whose absolute value is
 //! taken after interpolation); as a [`Field`] it is negative inside the solid. An expression of
-//! several series is evaluated from one spline each. The gradient is that of the interpolant. Bounds
+//! several series is evaluated from one spline each, a function of the ball from samples over a box,
+//! for the element that is the cube around the ball. The gradient is that of the interpolant. Bounds
 //! come from the coefficients: a B-spline is a convex combination of its 4^3 nearest ones, a
 //! derivative one of their differences; so bounds are rigorous for what is evaluated, not for the
 //! series it approximates. [`Table::error_bound`] ties the two together.
@@ -23,6 +24,7 @@ mod build;
 mod leaf;
 mod pyramid;
 mod spline;
+mod window;
 use build::{Spectrum, good_size};
 use leaf::Leaf;
 use spline::Grid;
@@ -156,7 +158,11 @@ impl Table {
         };
         let symmetric = cell.solid().is_symmetric();
         Self {
-            element,
+            // What is sampled about the ball fills the cube around it.
+            element: match element {
+                Element::Ball => Element::Hex,
+                other => other,
+            },
             fits_any_numbering: whole,
             operators: cell.operators().to_vec(),
             solid: cell.solid(),
@@ -174,7 +180,7 @@ impl Table {
         }
     }
 
-    /// The element the cell fills.
+    /// The element the cell fills; of a ball the cube around it.
     pub fn element(&self) -> Element {
         self.element
     }

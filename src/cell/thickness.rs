@@ -23,9 +23,10 @@ const TOLERANCE: f64 = 0.02;
 /// Parts per edge of the simplex on which surface points are found.
 const PARTS: usize = 24;
 
-/// A point outside the element mirrored back through the faces; cells of a hex are periodic.
+/// A point outside the element mirrored back through the faces; cells of a hex are periodic, those of
+/// the ball go on beyond it.
 fn folded(element: Element, mut x: Vec3) -> Vec3 {
-    if element == Element::Hex {
+    if matches!(element, Element::Hex | Element::Ball) {
         return x;
     }
     let faces = element.faces();

@@ -34,22 +34,33 @@ impl Phasors {
     }
 }
 
-/// Consecutive indices along the last axis: (first, second, from..).
+/// Greatest number of indices of a wave.
+pub(super) const AXES: usize = 6;
+/// All but the last.
+const LEADING: usize = AXES - 1;
+
+/// Consecutive indices along the last axis: (leading.., from..).
 struct Run {
-    first: i32,
-    second: i32,
+    leading: [i32; LEADING],
     from: i32,
     start: usize,
     len: usize,
 }
 
 /// The sum over k of `C_k` exp(2 pi i k.u) with `C_{-k}` = conj `C_k`, stored by one of each pair, the
-/// pair's coefficients doubled. Planar sums have a zero first axis.
+/// pair's coefficients doubled. Of waves with fewer indices the first are zero.
 pub(super) struct Waves {
     runs: Vec<Run>,
     re: Vec<f64>,
     im: Vec<f64>,
-    bounds: [i32; 3],
+    bounds: [i32; AXES],
+    /// The first axis along which anything changes, but for the last two.
+    first: usize,
+}
+
+/// The product of two complex numbers.
+fn product(a: (f64, f64), b: (f64, f64)) -> (f64, f64) {
+    (a.0 * b.0 - a.1 * b.1, a.0 * b.1 + a.1 * b.0)
 }
 
 /// Products in four lanes, so that the order of sums does not hinder vector instructions.
@@ -72,44 +83,60 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
 
 impl Waves {
     /// From every index with its coefficient (re, im); both members of a pair must be given.
-    pub fn new(mut terms: Vec<([i32; 3], [f64; 2])>) -> Self {
-        terms.retain(|(k, c)| *k >= [0; 3] && c.iter().any(|v| *v != 0.0));
+    pub fn new(mut terms: Vec<([i32; AXES], [f64; 2])>) -> Self {
+        terms.retain(|(k, c)| *k >= [0; AXES] && c.iter().any(|v| *v != 0.0));
         terms.sort_by_key(|t| t.0);
         let mut waves = Self {
             runs: Vec::new(),
             re: Vec::with_capacity(terms.len()),
             im: Vec::with_capacity(terms.len()),
-            bounds: [0; 3],
+            bounds: [0; AXES],
+            first: LEADING - 1,
         };
         for (k, c) in terms {
-            let weight = if k == [0; 3] { 1.0 } else { 2.0 };
+            let weight = if k == [0; AXES] { 1.0 } else { 2.0 };
             let start = waves.re.len();
             waves.re.push(c[0] * weight);
             waves.im.push(c[1] * weight);
-            for a in 0..3 {
+            for a in 0..AXES {
                 waves.bounds[a] = waves.bounds[a].max(k[a].abs());
             }
+            let leading: [i32; LEADING] = std::array::from_fn(|a| k[a]);
             match waves.runs.last_mut() {
-                Some(r) if [r.first, r.second, r.from + r.len as i32] == k => r.len += 1,
+                Some(r) if r.leading == leading && r.from + r.len as i32 == k[LEADING] => r.len += 1,
                 _ => waves.runs.push(Run {
-                    first: k[0],
-                    second: k[1],
-                    from: k[2],
+                    leading,
+                    from: k[LEADING],
                     start,
                     len: 1,
                 }),
             }
         }
+        let varies = waves.bounds.iter().position(|b| *b > 0);
+        waves.first = varies.unwrap_or(AXES).min(LEADING - 1);
         waves
     }
 
-    fn tables(&self, u: [f64; 3]) -> [Phasors; 3] {
-        std::array::from_fn(|a| Phasors::new(u[a], self.bounds[a]))
+    /// Phasors along the leading axes from the first on, and along the last.
+    fn tables(&self, u: [f64; AXES]) -> (Vec<Phasors>, Phasors) {
+        let axes = self.first..LEADING;
+        let leading = axes.map(|a| Phasors::new(u[a], self.bounds[a])).collect();
+        (leading, Phasors::new(u[LEADING], self.bounds[LEADING]))
+    }
+
+    /// The factor that all waves of a run share.
+    fn leading(&self, run: &Run, tables: &[Phasors]) -> (f64, f64) {
+        let indices = &run.leading[self.first..];
+        let mut factor = tables[0].get(indices[0]);
+        for (table, k) in tables[1..].iter().zip(&indices[1..]) {
+            factor = product(factor, table.get(*k));
+        }
+        factor
     }
 
     /// Value at lattice coordinates u.
-    pub fn value(&self, u: [f64; 3]) -> f64 {
-        let [x, y, z] = self.tables(u);
+    pub fn value(&self, u: [f64; AXES]) -> f64 {
+        let (leading, z) = self.tables(u);
         let mut sum = 0.0;
         for r in &self.runs {
             let c = r.start..r.start + r.len;
@@ -118,16 +145,14 @@ impl Waves {
             let (cr, ci) = (&self.re[c.clone()], &self.im[c]);
             let (pr, pi) = (&z.re[zr.clone()], &z.im[zr]);
             let s = (dot(cr, pr) - dot(ci, pi), dot(cr, pi) + dot(ci, pr));
-            let (a, b) = (x.get(r.first), y.get(r.second));
-            let w = (a.0 * b.0 - a.1 * b.1, a.0 * b.1 + a.1 * b.0);
-            sum += w.0 * s.0 - w.1 * s.1;
+            sum += product(self.leading(r, &leading), s).0;
         }
         sum
     }
 
     /// Value and derivatives with respect to lattice coordinates.
-    pub fn value_and_gradient(&self, u: [f64; 3]) -> (f64, [f64; 3]) {
-        let [x, y, z] = self.tables(u);
+    pub fn value_and_gradient(&self, u: [f64; AXES]) -> (f64, [f64; AXES]) {
+        let (leading, z) = self.tables(u);
         // The phasors times their index: the derivative along the last axis.
         let index = |p: &[f64]| -> Vec<f64> {
             p.iter()
@@ -136,7 +161,7 @@ impl Waves {
                 .collect()
         };
         let (kr, ki) = (index(&z.re), index(&z.im));
-        let (mut sum, mut grad) = (0.0, [0.0; 3]);
+        let (mut sum, mut grad) = (0.0, [0.0; AXES]);
         for r in &self.runs {
             let c = r.start..r.start + r.len;
             let from = (r.from + z.bound) as usize;
@@ -146,13 +171,13 @@ impl Waves {
             let (qr, qi) = (&kr[zr.clone()], &ki[zr]);
             let s = (dot(cr, pr) - dot(ci, pi), dot(cr, pi) + dot(ci, pr));
             let t = (dot(cr, qr) - dot(ci, qi), dot(cr, qi) + dot(ci, qr));
-            let (a, b) = (x.get(r.first), y.get(r.second));
-            let w = (a.0 * b.0 - a.1 * b.1, a.0 * b.1 + a.1 * b.0);
-            sum += w.0 * s.0 - w.1 * s.1;
-            let imaginary = w.0 * s.1 + w.1 * s.0;
-            grad[0] -= TAU * f64::from(r.first) * imaginary;
-            grad[1] -= TAU * f64::from(r.second) * imaginary;
-            grad[2] -= TAU * (w.0 * t.1 + w.1 * t.0);
+            let w = self.leading(r, &leading);
+            let (real, imaginary) = product(w, s);
+            sum += real;
+            for a in self.first..LEADING {
+                grad[a] -= TAU * f64::from(r.leading[a]) * imaginary;
+            }
+            grad[LEADING] -= TAU * product(w, t).1;
         }
         (sum, grad)
     }

@@ -89,8 +89,7 @@ pub(super) fn section(
 ) -> Result<(CellSection, Element), Failure> {
     let mut section = flags.clone();
     pipeline::enter_source(input, &mut section)?;
-    let asked = section.element.map(Element::from);
-    let element = match asked {
+    let element = match section.own_element() {
         Some(element) => element,
         None if section.file.is_some() => read_cell(input)?.element(),
         None => match surface(input, None)? {

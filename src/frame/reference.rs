@@ -2,12 +2,17 @@
 //!
 //! Every element has unit edges, but for the tet, which is inscribed in the unit cube (edge sqrt 2).
 //! The origin is the point that all symmetries of the element keep: the centroid, but for the
-//! pyramid, whose origin is the centre of its base.
+//! pyramid, whose origin is the centre of its base. The ball is no element of any scaffold: cells
+//! that stand alone live in it.
 
 use super::{CellBox, CellPoint, Mat3, Vec3};
 
 /// sqrt(3)/2, the height of the equilateral triangle of edge 1.
 const H: f64 = 0.866_025_403_784_438_6;
+/// The golden ratio.
+const GOLDEN: f64 = 1.618_033_988_749_895;
+/// Radius of the ball.
+const RADIUS: f64 = 0.5;
 
 /// A kind of reference element. Second-order scaffold elements share their linear one's cell.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -24,6 +29,9 @@ pub enum Element {
     Wedge,
     /// Half an octahedron of edge 1: the unit square at z = 0, the apex at z = 1/sqrt 2.
     Pyramid,
+    /// Ball of diameter 1, of which one stands alone. Its vertices, edges and faces are those of the
+    /// icosahedron inscribed in it, whose edges are parallel to the axes where these meet them.
+    Ball,
 }
 
 /// A face of a reference element: the plane `normal . x = offset`, normal pointing out. The faces of
@@ -37,7 +45,7 @@ pub struct Face {
 }
 
 impl Element {
-    /// Every reference element.
+    /// Every element that scaffolds are made of.
     pub const ALL: [Self; 6] = [
         Self::Tri,
         Self::Quad,
@@ -56,19 +64,21 @@ impl Element {
             Self::Hex => "hex",
             Self::Wedge => "wedge",
             Self::Pyramid => "pyramid",
+            Self::Ball => "ball",
         }
     }
 
     /// The element of that name.
     pub fn from_name(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|e| e.name() == name)
+        let mut all = Self::ALL.into_iter().chain([Self::Ball]);
+        all.find(|e| e.name() == name)
     }
 
     /// Dimension of the reference space.
     pub const fn dimension(self) -> usize {
         match self {
             Self::Tri | Self::Quad => 2,
-            Self::Tet | Self::Hex | Self::Wedge | Self::Pyramid => 3,
+            Self::Tet | Self::Hex | Self::Wedge | Self::Pyramid | Self::Ball => 3,
         }
     }
 
@@ -108,6 +118,9 @@ impl Element {
                 all.push(v(0.0, 0.0, 0.5f64.sqrt()));
                 all
             }
+            Self::Ball => cycled([0.0, 1.0, GOLDEN])
+                .map(|p| p.normalize() * RADIUS)
+                .collect(),
         }
     }
 
@@ -145,6 +158,14 @@ impl Element {
                 all.extend(of_square(0.5f64.sqrt(), 6f64.sqrt().recip()));
                 all
             }
+            Self::Ball => {
+                let offset = RADIUS * GOLDEN * GOLDEN / (3.0 * (1.0 + GOLDEN * GOLDEN)).sqrt();
+                let corners = (0..8).map(|n| {
+                    Vec3::from([1, 2, 4].map(|bit| if n & bit == 0 { 1.0 } else { -1.0 }))
+                });
+                let others = cycled([0.0, GOLDEN, GOLDEN.recip()]);
+                corners.chain(others).map(|n| face(n, offset)).collect()
+            }
         }
     }
 
@@ -176,12 +197,17 @@ impl Element {
             Self::Quad | Self::Hex => 1.0,
             Self::Tet => 1.0 / 3.0,
             Self::Pyramid => 2f64.sqrt() / 6.0,
+            Self::Ball => std::f64::consts::PI / 6.0,
         }
     }
 
     /// Length of an edge.
     pub fn edge(self) -> f64 {
-        if self == Self::Tet { 2f64.sqrt() } else { 1.0 }
+        match self {
+            Self::Tet => 2f64.sqrt(),
+            Self::Ball => 2.0 * RADIUS / (1.0 + GOLDEN * GOLDEN).sqrt(),
+            _ => 1.0,
+        }
     }
 
     /// Centroid: the origin, of the pyramid a quarter of its height above it.
@@ -200,6 +226,7 @@ impl Element {
             Self::Tet => 24,
             Self::Hex => 48,
             Self::Wedge => 12,
+            Self::Ball => 120,
         }
     }
 
@@ -212,13 +239,16 @@ impl Element {
         })
     }
 
-    /// Bounding box: the unit cube for tet and hex.
+    /// Bounding box: the unit cube for tet, hex and ball.
     pub fn cell_box(self) -> CellBox<3> {
+        if self == Self::Ball {
+            return Self::Hex.cell_box();
+        }
         CellBox::of(self.vertices().into_iter().map(CellPoint))
     }
 
     /// Largest signed distance of a point to the planes of the faces: <= 0 inside. Planar elements
-    /// do not regard z.
+    /// do not regard z; that of the ball is the distance to the sphere.
     pub fn face_distance(self, p: CellPoint<3>) -> f64 {
         let x = p.0;
         let triangle = || (x.x.abs() * H + x.y * 0.5).max(-x.y) - H / 3.0;
@@ -236,12 +266,23 @@ impl Element {
             Self::Quad => x.x.abs().max(x.y.abs()) - 0.5,
             Self::Tri => triangle(),
             Self::Wedge => triangle().max(x.z.abs() - 0.5),
+            Self::Ball => x.norm() - RADIUS,
             Self::Pyramid => {
                 let across = x.x.abs().max(x.y.abs());
                 ((2.0 * across + 2f64.sqrt() * x.z - 1.0) / 6f64.sqrt()).max(-x.z)
             }
         }
     }
+}
+
+/// The twelve points (0, +-b, +-c) and those with the coordinates in turn.
+fn cycled([a, b, c]: [f64; 3]) -> impl Iterator<Item = Vec3> {
+    (0..12).map(move |n| {
+        let sign = |bit: i32| if n & bit == 0 { 1.0 } else { -1.0 };
+        let p = [a, b * sign(1), c * sign(2)];
+        let turn = n as usize / 4;
+        Vec3::from_fn(|i, _| p[(i + turn) % 3])
+    })
 }
 
 #[cfg(test)]
@@ -269,8 +310,23 @@ mod tests {
     }
 
     #[test]
+    fn the_ball_holds_an_icosahedron() {
+        let vertices = Element::Ball.vertices();
+        assert_eq!(vertices.len(), 12);
+        assert!(vertices.iter().all(|v| (v.norm() - 0.5).abs() < 1e-15));
+        let faces = Element::Ball.faces();
+        assert_eq!(faces.len(), 20);
+        for f in &faces {
+            assert_eq!(Element::Ball.face_vertices(f).len(), 3, "{f:?}");
+            assert!(vertices.iter().all(|v| f.normal.dot(v) <= f.offset + 1e-12));
+        }
+        assert_eq!(Element::from_name("ball"), Some(Element::Ball));
+    }
+
+    #[test]
     fn edges_have_their_length_and_number() {
-        for (e, count) in Element::ALL.into_iter().zip([3, 4, 6, 12, 9, 8]) {
+        let all = Element::ALL.into_iter().chain([Element::Ball]);
+        for (e, count) in all.zip([3, 4, 6, 12, 9, 8, 30]) {
             let v = e.vertices();
             assert_eq!(e.edges().len(), count, "{e:?}");
             for [i, j] in e.edges() {

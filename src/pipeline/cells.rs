@@ -4,13 +4,12 @@ use super::error::RunError;
 use super::inputs::Inputs;
 use super::operate::Bench;
 use super::report::Warning;
-use super::shape::Shape;
-use super::source::{CellFault, Found, Reader, SourceFault};
-use crate::cell::{Cell, Solid, Table};
-use crate::frame::Element;
+use super::source::{CellFault, Found, Reader, SourceFault, alone};
+use super::standalone::StandAlone;
+use crate::cell::{Cell, Solid};
+use crate::frame::{Element, Vec3};
 use crate::recipe::{self, CellSection};
-use crate::scaffold::{Connectivity, Kind, Scaffold};
-use crate::tiling::{TiledSolid, TilingOptions};
+use crate::tiling::TilingOptions;
 use crate::vdb::Session;
 
 /// Makes the cell that a section describes, for an element.
@@ -25,11 +24,12 @@ pub(super) fn make(
         key: key.to_owned(),
         fault,
     };
-    if let Some(asked) = section.element.map(Element::from).filter(|e| *e != element) {
+    if let Some(asked) = section.own_element().filter(|e| *e != element) {
         return Err(fail(CellFault::Rule(format!(
-            "the cell is made for a {}, the scaffold has {} elements",
+            "the cell is made for a {}, the scaffold has {} elements{}",
             asked.name(),
-            element.name()
+            element.name(),
+            alone(asked)
         ))));
     }
     let name = key.rsplit('.').next().unwrap_or(key);
@@ -185,27 +185,13 @@ pub fn one_element(
     half_width: f64,
     session: crate::vdb::Session,
 ) -> Result<crate::vdb::LevelSet, RunError> {
-    let failed = |e: String| RunError::Tiling(e);
-    // Planar cells are shown in the prisms over them.
-    let (kind, shape) = match cell.element() {
-        Element::Tet => (Kind::Tet4, Element::Tet),
-        Element::Tri | Element::Wedge => (Kind::Wedge6, Element::Wedge),
-        Element::Pyramid => (Kind::Pyramid5, Element::Pyramid),
-        Element::Quad | Element::Hex => (Kind::Hex8, Element::Hex),
-    };
-    let vertices = shape.vertices();
-    let mut elements = Connectivity::default();
-    let nodes: Vec<u32> = (0..vertices.len() as u32).collect();
-    elements.push(kind, &nodes);
-    let scaffold = Scaffold::new(vertices, elements).map_err(|e| failed(e.to_string()))?;
-    let table = Table::new(cell).map_err(|e| failed(e.to_string()))?;
+    let alone = StandAlone::new(cell, Vec3::zeros(), 1.0)?;
     let options = TilingOptions {
         voxel_size,
         half_width: half_width * voxel_size,
         distance: crate::tiling::Distance::Fast,
         boundary: crate::tiling::Boundary::Cut,
     };
-    let solid = TiledSolid::new(&scaffold, &table, options).map_err(|e| failed(e.to_string()))?;
     let bench = Bench {
         threads: session.threads,
         progress: session.progress,
@@ -215,10 +201,6 @@ pub fn one_element(
         },
         half_width,
     };
-    let shape = Shape {
-        field: Box::new(solid),
-        extent: scaffold.bounds(),
-        name: "the element".into(),
-    };
+    let shape = alone.shape(options, "the element".into())?;
     Ok(bench.sample(&shape, "band")?.0)
 }

@@ -9,9 +9,9 @@ use crate::cell::{
     Caps, FitError, FitOptions, Method, Placement, Skeleton, SkeletonError, Source, Surface,
     Voxels, band_of_samples, fit_samples, fit_source, graphs, plate_sets,
 };
-use crate::cell::{Cell, CellError, symmetry};
+use crate::cell::{Cell, CellError, default_group, operators_of};
 use crate::field::Formula;
-use crate::frame::{Aabb, Element, LengthUnit, Mat3, Vec3};
+use crate::frame::{Aabb, Element, LengthUnit, Vec3};
 use crate::io::{MeshFormat, Place, ReadError, TEXT_CLOUDS};
 use crate::mesh::{CloudSolid, TriMesh};
 use crate::recipe::{self, Brief, CellPlace, CellSection, FileFrame, FileRef, Recipe, Short};
@@ -222,10 +222,11 @@ impl Reader<'_> {
             let cell = crate::io::read_cell(&path)?;
             if cell.element() != element {
                 return Err(CellFault::Rule(format!(
-                    "{} is a cell for a {}; expected one for a {}",
+                    "{} is a cell for a {}; expected one for a {}{}",
                     path.display(),
                     cell.element().name(),
-                    element.name()
+                    element.name(),
+                    alone(cell.element())
                 ))
                 .into());
             }
@@ -282,7 +283,7 @@ fn natural_samples<'a>(section: &'a CellSection, options: &FitOptions) -> Option
 
 /// About which origin most of a source would be kept, and how to place it there.
 fn elsewhere(source: &Source, element: Element) -> Result<String, CellFault> {
-    let operators = whole_group(element)?;
+    let operators = operators_of(element, default_group(element))?;
     let here = source.best_origin(element, &operators);
     let [x, y, z] = here.place;
     Ok(format!(
@@ -296,17 +297,6 @@ fn elsewhere(source: &Source, element: Element) -> Result<String, CellFault> {
                 .to_owned()
         }
     ))
-}
-
-/// The Cartesian operators of an element's whole group.
-fn whole_group(element: Element) -> Result<Vec<Mat3>, CellError> {
-    if element.dimension() == 3 {
-        let (group, lattice) = symmetry::<3>(element, None, None)?;
-        return Ok(group.cartesian(&lattice));
-    }
-    let (group, lattice) = symmetry::<2>(element, None, None)?;
-    let in_space = |q: &nalgebra::Matrix2<f64>| q.to_homogeneous();
-    Ok(group.cartesian(&lattice).iter().map(in_space).collect())
 }
 
 /// Why a source cannot be had: its keys and its geometry, or its file.
@@ -360,6 +350,17 @@ fn has_extension(path: &Path, known: &[&str]) -> bool {
     known.iter().any(|k| own.eq_ignore_ascii_case(k))
 }
 
+/// Why no scaffold takes a cell of this element, if none does.
+pub(super) fn alone(element: Element) -> &'static str {
+    match element {
+        Element::Ball => {
+            ": the icosahedral group has no lattice in space, so that cells of the ball stand alone and \
+             fill no scaffold; an operation takes them, union = { cell = { name, size } }"
+        }
+        _ => "",
+    }
+}
+
 /// A surface by its name.
 pub(super) fn named_surface(name: &str, element: Element) -> Result<Cell, CellFault> {
     let surface = Surface::from_name(name).ok_or_else(|| {
@@ -393,8 +394,7 @@ fn placement(place: &CellPlace) -> Placement {
 pub fn enter_source(input: &Path, section: &mut CellSection) -> Result<(), ReadError> {
     let text = input.to_str().unwrap_or("");
     let file = || Some(Brief(FileFrame::short(input.to_owned())));
-    let element = section.element.map(Element::from);
-    let elements = element.map_or(Element::ALL.to_vec(), |e| vec![e]);
+    let elements = section.own_element().map_or(Element::ALL.to_vec(), |e| vec![e]);
     let plain = text.strip_suffix("_struts").unwrap_or(text);
     let offers = |names: fn(Element) -> &'static [&'static str]| {
         elements.iter().any(|e| names(*e).contains(&plain))

@@ -91,7 +91,8 @@ pub struct CellSection {
     #[cfg_attr(feature = "cli", arg(long))]
     pub element: Option<ElementName>,
     /// The group of symmetries that the cell gets, such as Td, Oh, D4h; the element's whole one when left
-    /// out, which is what lets a cell fill any mesh whatever its numbering.
+    /// out, which is what lets a cell fill any mesh whatever its numbering. Ih makes one solid in a ball,
+    /// which stands alone.
     #[cfg_attr(feature = "cli", arg(long))]
     pub group: Option<String>,
     /// The lattice of its periods (fcc2 or cubic for a tet, fcc1 or tetragonal for a pyramid); the
@@ -195,6 +196,8 @@ pub enum ElementName {
     Wedge,
     /// Half an octahedron of edge 1.
     Pyramid,
+    /// Ball of diameter 1, group Ih: one solid that stands alone and fills no scaffold.
+    Ball,
 }
 
 impl From<ElementName> for crate::frame::Element {
@@ -206,6 +209,7 @@ impl From<ElementName> for crate::frame::Element {
             ElementName::Hex => Self::Hex,
             ElementName::Wedge => Self::Wedge,
             ElementName::Pyramid => Self::Pyramid,
+            ElementName::Ball => Self::Ball,
         }
     }
 }
@@ -220,6 +224,7 @@ impl From<crate::frame::Element> for ElementName {
             Element::Hex => Self::Hex,
             Element::Wedge => Self::Wedge,
             Element::Pyramid => Self::Pyramid,
+            Element::Ball => Self::Ball,
         }
     }
 }
@@ -318,6 +323,14 @@ impl JsonSchema for Place {
 }
 
 impl CellSection {
+    /// The element that the section names, or that its group has to itself: Ih that of the ball.
+    pub fn own_element(&self) -> Option<crate::frame::Element> {
+        use crate::frame::Element;
+        let of_group = |g: &str| (g == "Ih").then_some(Element::Ball);
+        let asked = self.element.map(Element::from);
+        asked.or_else(|| self.group.as_deref().and_then(of_group))
+    }
+
     /// Names of the sources that are given.
     pub fn sources(&self) -> Vec<&'static str> {
         let given = [

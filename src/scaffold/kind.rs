@@ -172,7 +172,8 @@ impl Kind {
             Element::Quad | Element::Tet => 4,
             Element::Pyramid => 5,
             Element::Wedge => 6,
-            Element::Hex => 8,
+            // No kind has the shape of a ball.
+            Element::Hex | Element::Ball => 8,
         }
     }
 

@@ -29,6 +29,30 @@ const NAMED: [(&str, usize, [[f64; 3]; 3]); 7] = [
     ),
 ];
 
+/// The lattice in six dimensions whose waves, seen in the first three, have the frequencies
+/// 2 sum k e of the icosahedral module: e the six axes of order 5, of length 1. The last three
+/// dimensions are internal: there the conjugate axes stand (the golden ratio t replaced by -1/t), on
+/// which the icosahedral operators act as integer matrices too.
+const ICOSAHEDRAL: &str = "icosahedral";
+
+/// Lattice vector of that number: an axis and its conjugate, by 4.
+fn icosahedral(number: usize) -> [f64; 6] {
+    let axis = |t: f64| {
+        let all = [
+            [0., 1., t],
+            [t, 0., 1.],
+            [1., t, 0.],
+            [0., -1., t],
+            [t, 0., -1.],
+            [-1., t, 0.],
+        ];
+        all[number].map(|c| c / (4.0 * (1.0 + t * t).sqrt()))
+    };
+    let golden = (1.0 + 5f64.sqrt()) / 2.0;
+    let (own, conjugate) = (axis(golden), axis(-golden.recip()));
+    std::array::from_fn(|i| if i < 3 { own[i] } else { conjugate[i - 3] })
+}
+
 /// Names of the lattices, in the order of the table.
 pub const LATTICE_NAMES: [&str; NAMED.len()] = {
     let mut names = [""; NAMED.len()];
@@ -69,17 +93,24 @@ impl<const D: usize> Lattice<D> {
     }
 
     /// The lattice of that name ([`LATTICE_NAMES`]): `square`, `hex2` in the plane; `cubic`,
-    /// `hexprism`, `fcc2` (spanned by the tet's edges), `fcc1` (by the pyramid's), `tetragonal`.
+    /// `hexprism`, `fcc2` (spanned by the tet's edges), `fcc1` (by the pyramid's), `tetragonal`; in
+    /// six dimensions `icosahedral`, whose vectors are (e, e') / 4 with e an axis of order 5 of the
+    /// icosahedron and e' its conjugate, both of length 1.
     ///
     /// # Errors
     /// [`SymmetryError::UnknownLattice`].
     pub fn named(name: &str) -> Result<Self, SymmetryError> {
+        if D == 6 && name == ICOSAHEDRAL {
+            return Self::new(six());
+        }
         NAMED
             .iter()
             .find(|row| row.0 == name && row.1 == D)
             .map_or_else(
                 || {
-                    let known: Vec<&str> = NAMED.iter().filter(|r| r.1 == D).map(|r| r.0).collect();
+                    let mut known: Vec<&str> =
+                        NAMED.iter().filter(|r| r.1 == D).map(|r| r.0).collect();
+                    known.extend((D == 6).then_some(ICOSAHEDRAL));
                     Err(SymmetryError::UnknownLattice {
                         name: name.to_owned(),
                         dimension: D,
@@ -92,13 +123,15 @@ impl<const D: usize> Lattice<D> {
 
     /// Its name, if it is one of the named ones (to 1e-9).
     pub fn name(&self) -> Option<&'static str> {
+        let is = |v: [[f64; D]; D]| {
+            (0..D).all(|j| (0..D).all(|i| (self.columns[(i, j)] - v[j][i]).abs() < 1e-9))
+        };
+        if D == 6 {
+            return is(six()).then_some(ICOSAHEDRAL);
+        }
         NAMED
             .iter()
-            .find(|row| {
-                let v: [[f64; D]; D] = block(&row.2);
-                row.1 == D
-                    && (0..D).all(|j| (0..D).all(|i| (self.columns[(i, j)] - v[j][i]).abs() < 1e-9))
-            })
+            .find(|row| row.1 == D && is(block(&row.2)))
             .map(|row| row.0)
     }
 
@@ -176,6 +209,14 @@ pub(super) fn is_whole(c: f64) -> bool {
 
 fn block<const D: usize>(rows: &[[f64; 3]; 3]) -> [[f64; D]; D] {
     std::array::from_fn(|j| std::array::from_fn(|i| rows[j][i]))
+}
+
+/// The vectors of the icosahedral lattice; only of six dimensions.
+fn six<const D: usize>() -> [[f64; D]; D] {
+    std::array::from_fn(|j| {
+        let vector = icosahedral(j);
+        std::array::from_fn(|i| vector[i])
+    })
 }
 
 /// Determinant by elimination with row pivots (nalgebra's does not compile for generic D).

@@ -5,7 +5,7 @@ use std::fmt;
 use std::str::FromStr;
 
 /// The names of the coordinates.
-const AXES: [char; 3] = ['x', 'y', 'z'];
+const AXES: [char; 6] = ['x', 'y', 'z', 'u', 'v', 'w'];
 
 /// A linear map of the lattice onto itself, as an integer matrix on lattice coordinates.
 ///

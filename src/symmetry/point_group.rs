@@ -37,7 +37,7 @@ const fn row(
 
 /// The groups that have a name; adding one is adding a row. Axes: the principal one is z, but for
 /// the second C3v, that of a tet's vertex, whose is x = y = z.
-const TABLE: [Row; 15] = [
+const TABLE: [Row; 16] = [
     row(2, "D3", "hex2", &["-x-y,x", "-x-y,y"], "k1 >= k2 >= 0"),
     row(2, "D4", "square", &["-y,x", "x,-y"], "fx >= fy >= 0"),
     row(
@@ -93,6 +93,13 @@ const TABLE: [Row; 15] = [
         "k1 >= k2 >= 0",
     ),
     row(3, "C3v", "cubic", &["z,x,y", "y,x,z"], "fx >= fy >= fz"),
+    row(
+        6,
+        "Ih",
+        "icosahedral",
+        &["x,u,y,-v,-w,z", "z,x,y,w,u,v", "-x,-y,-z,-u,-v,-w"],
+        "fx, fy >= 0, fz >= t (t fx + fy) with t = 1.618",
+    ),
     row(2, "C1", "square", &[], "all f"),
     row(3, "C1", "cubic", &[], "all f"),
 ];

@@ -22,6 +22,7 @@ pub(super) fn clamp_to_cell(shape: Element, xi: Vec3) -> Vec3 {
             Vec3::new(flat.x, flat.y, xi.z.clamp(-0.5, 0.5))
         }
         Element::Pyramid => onto_pyramid(xi),
+        Element::Ball => xi.cap_magnitude(0.5),
     }
 }
 

@@ -1,6 +1,6 @@
 //! The function of a `.cell` file: a series, or a tree of nodes over several.
 
-use super::super::pairing::symmetry_of;
+use super::super::pairing::{rank, symmetry_of};
 use super::super::{CellError, Form, Series, lattices};
 use super::CellTextError;
 use crate::frame::Element;
@@ -138,10 +138,10 @@ impl Reader<'_> {
     }
 
     fn leaf(&mut self, entry: &SeriesEntry) -> Result<Form, CellTextError> {
-        let form = if self.element.dimension() == 2 {
-            self.series_of::<2>(entry)?.into()
-        } else {
-            Form::from(self.series_of::<3>(entry)?)
+        let form: Form = match rank(self.element) {
+            2 => self.series_of::<2>(entry)?.into(),
+            3 => self.series_of::<3>(entry)?.into(),
+            _ => self.series_of::<6>(entry)?.into(),
         };
         // Each part alone, so that what does not fit is found on its line.
         symmetry_of(self.element, &form).map_err(|e| self.fault(&e))?;

@@ -1,6 +1,7 @@
 //! How a cell is fitted.
 
 use crate::cell::CellError;
+use crate::frame::Element;
 
 /// By what rule the coefficients are found.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -171,17 +172,41 @@ impl FitOptions {
     }
 
     /// Greatest number of unknowns that the chosen method takes.
-    pub(super) fn most_unknowns(&self) -> usize {
-        if self.method == Method::Lsq && self.solver == Solver::Dense {
+    pub(super) fn most_unknowns(&self, element: Element) -> usize {
+        let dense = self.method == Method::Lsq && self.solver == Solver::Dense;
+        if dense || element == Element::Ball {
             MOST_DENSE
         } else {
             MOST_UNKNOWNS
         }
     }
 
+    /// That nothing is asked of the ball that needs faces or a period.
+    pub(super) fn check_ball(&self) -> Result<(), CellError> {
+        let fail = |what, found: &str, expected: &str| {
+            Err(CellError::Unfitting {
+                element: Element::Ball.name(),
+                what,
+                found: found.to_owned(),
+                expected: expected.to_owned(),
+            })
+        };
+        if self.face_normal {
+            return fail("face_normal", "true", "false, since it has no faces");
+        }
+        if self.method != Method::Lsq {
+            return fail("method", self.method.name(), "lsq, since it has no period");
+        }
+        if self.solver == Solver::Iterative {
+            return fail("solver", "iterative", "dense, since it has no period");
+        }
+        Ok(())
+    }
+
     /// Whether the least squares are solved without a matrix.
-    pub(super) fn iterative(&self, unknowns: usize) -> bool {
+    pub(super) fn iterative(&self, element: Element, unknowns: usize) -> bool {
         match self.solver {
+            _ if element == Element::Ball => false,
             Solver::Auto => unknowns > DENSE_BY_ITSELF,
             Solver::Dense => false,
             Solver::Iterative => true,

@@ -33,6 +33,16 @@ pub fn largest_band<const D: usize>(lattice: &Lattice<D>, n: usize) -> f64 {
     ((n.max(1) - 1) / 2) as f64 / longest.fold(0.0, f64::max)
 }
 
+/// Volume of the ball of radius 1 in 2, 3 or 6 dimensions.
+fn unit_ball(dimension: usize) -> f64 {
+    use std::f64::consts::PI;
+    match dimension {
+        2 => PI,
+        3 => 4.0 / 3.0 * PI,
+        _ => PI.powi(3) / 6.0,
+    }
+}
+
 /// Number of samples per period that a band needs: more than twice its largest index.
 fn needed_samples<const D: usize>(lattice: &Lattice<D>, band_limit: f64) -> usize {
     let reach = |a| (band_limit * lattice.columns().column(a).norm() + 1e-9).floor() as usize;
@@ -58,10 +68,10 @@ struct Found {
 impl Job<'_> {
     /// Fits, and measures if the options say so.
     pub fn run(&self, name: &str) -> Result<Cell, FitError> {
-        if self.element.dimension() == 2 {
-            self.run_in::<2>(name)
-        } else {
-            self.run_in::<3>(name)
+        match pairing::rank(self.element) {
+            2 => self.run_in::<2>(name),
+            3 => self.run_in::<3>(name),
+            _ => self.run_in::<6>(name),
         }
     }
 
@@ -75,10 +85,12 @@ impl Job<'_> {
             (_, name) => name.as_deref(),
         };
         let (group, lattice) = symmetry::<D>(self.element, options.group.as_deref(), lattice_name)?;
+        if self.element == Element::Ball {
+            options.check_ball()?;
+        }
         // The number of orbits, about that of unknowns, without listing them.
-        let limit = options.most_unknowns();
-        let unit = std::f64::consts::PI * if D == 3 { 4.0 / 3.0 } else { 1.0 };
-        let ball = unit * options.band_limit.powi(D as i32) * lattice.volume();
+        let limit = options.most_unknowns(self.element);
+        let ball = unit_ball(D) * options.band_limit.powi(D as i32) * lattice.volume();
         let estimate = ball / group.order() as f64;
         let too_large = |unknowns: usize| FitError::TooLarge {
             band_limit: options.band_limit,
@@ -116,7 +128,11 @@ impl Job<'_> {
             basis.lattice().clone(),
             &nonzero(basis.coefficients(&found.real)),
         )?;
-        let residual = face_normal::residual(&series, self.element);
+        let residual = if self.element == Element::Ball {
+            0.0
+        } else {
+            face_normal::residual(&series, self.element)
+        };
         let cell = Cell::new(name, self.element, series)?.with_face_normal(options.face_normal);
         cell.check_surface()?;
         self.progress.stage("fit: accuracy", None);
@@ -178,7 +194,7 @@ impl Job<'_> {
         constraint: Option<&Constraint>,
     ) -> Result<Found, FitError> {
         let options = self.options;
-        if options.iterative(basis.len()) {
+        if options.iterative(self.element, basis.len()) {
             return self.iterative(basis, target, constraint);
         }
         let parts = parts(self.element, domain, basis.len(), options.samples);
@@ -188,7 +204,7 @@ impl Job<'_> {
             .iter()
             .zip(values)
             .map(|(&(point, weight), value)| Sample {
-                point: CellPoint(SVector::from_fn(|a, _| point.0[a])),
+                point: CellPoint(SVector::from_fn(|a, _| if a < 3 { point.0[a] } else { 0.0 })),
                 value,
                 weight,
             })
@@ -419,7 +435,7 @@ fn nonzero<const D: usize>(terms: Vec<(Frequency<D>, [f64; 2])>) -> Vec<(Frequen
     terms
 }
 
-/// A planar point in space.
+/// A planar point in space; of one with internal coordinates the part in space.
 fn in_space<const D: usize>(v: &SVector<f64, D>) -> Vec3 {
     Vec3::from_fn(|a, _| if a < D { v[a] } else { 0.0 })
 }

@@ -161,6 +161,10 @@ pub(super) fn places(
         let Some(midpoints) = stratum(dimension, which, parts << which) else {
             continue;
         };
+        // The sphere has no edges.
+        if element == Element::Ball && which == 2 {
+            continue;
+        }
         let sizes = domain.flags.iter().map(|f| extent(f, dimension, which));
         let total: f64 = sizes.clone().sum();
         for (flag, size) in domain.flags.iter().zip(sizes) {

@@ -42,7 +42,7 @@ impl Form {
                 .unwrap_or(f64::INFINITY)
         };
         match self.node() {
-            Node::Series(_) | Node::Planar(_) => leaf(self.node()),
+            Node::Series(_) | Node::Planar(_) | Node::Icosahedral(_) => leaf(self.node()),
             Node::Sum(parts) => parts.iter().map(|(w, f)| w * f.value_by(leaf)).sum(),
             Node::Least(parts, radius) => least(parts, *radius, 1.0),
             Node::Greatest(parts, radius) => -least(parts, *radius, -1.0),
@@ -65,7 +65,7 @@ impl Form {
                 .unwrap_or((f64::INFINITY, Vec3::zeros()))
         };
         match self.node() {
-            Node::Series(_) | Node::Planar(_) => leaf(self.node()),
+            Node::Series(_) | Node::Planar(_) | Node::Icosahedral(_) => leaf(self.node()),
             Node::Sum(parts) => parts.iter().fold((0.0, Vec3::zeros()), |(s, g), (w, f)| {
                 let (v, d) = f.slope_by(leaf);
                 (s + w * v, g + d * *w)
@@ -123,7 +123,7 @@ impl Form {
             (interval, steepest)
         };
         match self.node() {
-            Node::Series(_) | Node::Planar(_) => leaf(self.node()),
+            Node::Series(_) | Node::Planar(_) | Node::Icosahedral(_) => leaf(self.node()),
             Node::Sum(parts) => {
                 parts
                     .iter()
@@ -159,7 +159,7 @@ impl Form {
     /// their values moves that place: there the bound of the gradient's error does not hold.
     pub(in crate::cell) fn error_by(&self, leaf: &mut dyn FnMut(&Node) -> [f64; 3]) -> [f64; 3] {
         match self.node() {
-            Node::Series(_) | Node::Planar(_) => leaf(self.node()),
+            Node::Series(_) | Node::Planar(_) | Node::Icosahedral(_) => leaf(self.node()),
             Node::Sum(parts) => parts.iter().fold([0.0; 3], |sum, (w, f)| {
                 let e = f.error_by(leaf);
                 std::array::from_fn(|i| sum[i] + w.abs() * e[i])
@@ -190,6 +190,7 @@ impl Field for Form {
         self.value_by(&mut |leaf| match leaf {
             Node::Planar(s) => s.value(CellPoint(p.0.xy())),
             Node::Series(s) => s.value(p),
+            Node::Icosahedral(s) => s.value(p),
             _ => f64::NAN,
         })
     }
@@ -201,6 +202,7 @@ impl Field for Form {
                 (v, g.push(0.0))
             }
             Node::Series(s) => s.value_and_gradient(p),
+            Node::Icosahedral(s) => s.value_and_gradient(p),
             _ => (f64::NAN, Vec3::zeros()),
         })
     }
@@ -213,6 +215,7 @@ impl Field for Form {
         self.range_by(&mut |leaf| match leaf {
             Node::Planar(s) => (s.bound(&planar), 0.0),
             Node::Series(s) => (s.bound(region), 0.0),
+            Node::Icosahedral(s) => (s.bound(region), 0.0),
             _ => (Interval::ALL, f64::INFINITY),
         })
         .0

@@ -26,7 +26,11 @@ const PULL: f64 = 1e-5;
 
 /// Which triangles of a placed mesh lie in a face plane of the element.
 fn find_caps(element: Element, mesh: &TriMesh) -> Vec<bool> {
-    let faces = element.faces();
+    // A ball has none: nothing joins there.
+    let faces = match element {
+        Element::Ball => Vec::new(),
+        other => other.faces(),
+    };
     mesh.iter_corners()
         .map(|corners| {
             faces.iter().any(|f| {

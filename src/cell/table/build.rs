@@ -3,11 +3,14 @@
 use super::super::form::Node;
 use super::super::pairing::embedded;
 use super::super::{CellError, Series};
+use super::super::icosahedral::Products;
 use super::spline::Grid;
+use super::window;
 use crate::frame::Mat3;
 use rayon::prelude::*;
 use rustfft::{FftPlanner, num_complex::Complex64};
 use std::f64::consts::{PI, TAU};
+use std::sync::Arc;
 
 /// Indices beyond this on the period along an axis have no table.
 const GREATEST_INDEX: i32 = 127;
@@ -26,6 +29,8 @@ pub(super) struct Spectrum {
     pub turns: Vec<Mat3>,
     /// Whether nothing changes along z.
     pub planar: bool,
+    /// In the place of terms: a function without a period, sampled over a box.
+    sampled: Option<Arc<Products>>,
 }
 
 /// Whether an operator only exchanges and turns around the axes; then which axis goes where.
@@ -43,9 +48,23 @@ impl Spectrum {
         match leaf {
             Node::Planar(s) => Self::of(s),
             Node::Series(s) => Self::of(s),
+            Node::Icosahedral(s) => Ok(Self::sampled(s.products())),
             _ => Err(CellError::NoTable {
                 reason: "it is no series".to_owned(),
             }),
+        }
+    }
+
+    fn sampled(products: &Arc<Products>) -> Self {
+        let index = (products.greatest() * window::EDGE).ceil() as i32;
+        Self {
+            terms: Vec::new(),
+            periods: [window::EDGE; 3],
+            greatest: [index; 3],
+            class: [0; 3],
+            turns: vec![Mat3::identity()],
+            planar: false,
+            sampled: Some(Arc::clone(products)),
         }
     }
 
@@ -107,6 +126,7 @@ impl Spectrum {
             class,
             turns,
             planar: D == 2,
+            sampled: None,
         })
     }
 
@@ -150,9 +170,12 @@ impl Spectrum {
         let tables: [Vec<(f64, f64)>; 3] = std::array::from_fn(|a| {
             let n = grid.samples[a] as f64;
             (0..=self.greatest[a])
-                .map(|h| (kept(h, n), aliases(h, n)))
+                .map(|h| (kept(f64::from(h), n), aliases(f64::from(h), n)))
                 .collect()
         });
+        if let Some(products) = &self.sampled {
+            return window::error_bounds(products, grid);
+        }
         let (mut value, mut slope) = (0.0, [0.0; 3]);
         for &(h, [re, im]) in &self.terms {
             let size = re.hypot(im);
@@ -174,18 +197,28 @@ impl Spectrum {
         (value, worst)
     }
 
-    /// Padded coefficients of the spline that interpolates the series.
-    pub fn coefficients(&self, grid: &Grid) -> Vec<f32> {
+    /// Coefficients of one period.
+    fn transformed(&self, grid: &Grid) -> Vec<Complex64> {
         let [nx, ny, nz] = grid.samples;
         let mut values = vec![Complex64::default(); nx * ny * nz];
         for &(h, [re, im]) in &self.terms {
             let gain: f64 = (0..3)
-                .map(|a| attenuation(h[a], grid.samples[a] as f64))
+                .map(|a| attenuation(f64::from(h[a]), grid.samples[a] as f64))
                 .product();
             let [x, y, z] = [0, 1, 2].map(|a| h[a].rem_euclid(grid.samples[a] as i32) as usize);
             values[(x * ny + y) * nz + z] += Complex64::new(re, im) / gain;
         }
         inverse_transform(&mut values, grid.samples);
+        values
+    }
+
+    /// Padded coefficients of the spline that interpolates the series.
+    pub fn coefficients(&self, grid: &Grid) -> Vec<f32> {
+        let [nx, ny, nz] = grid.samples;
+        let mut values = match &self.sampled {
+            Some(products) => window::coefficients(products, grid),
+            None => self.transformed(grid),
+        };
         let [sx, sy, sz] = grid.padded();
         let mut padded = vec![0f32; sx * sy * sz];
         padded
@@ -222,21 +255,21 @@ pub(super) fn good_size(n: usize) -> usize {
 }
 
 /// Spectrum of the sampled cubic B-spline.
-fn attenuation(h: i32, n: f64) -> f64 {
-    (2.0 + (TAU * f64::from(h) / n).cos()) / 3.0
+pub(super) fn attenuation(h: f64, n: f64) -> f64 {
+    (2.0 + (TAU * h / n).cos()) / 3.0
 }
 
 /// sinc^4 / attenuation: how much of a wave its interpolant keeps.
-fn kept(h: i32, n: f64) -> f64 {
-    let x = PI * f64::from(h) / n;
-    let sinc = if h == 0 { 1.0 } else { x.sin() / x };
+pub(super) fn kept(h: f64, n: f64) -> f64 {
+    let x = PI * h / n;
+    let sinc = if h == 0.0 { 1.0 } else { x.sin() / x };
     sinc.powi(4) / attenuation(h, n)
 }
 
 /// Bound of the sum over m != 0 of |h / (h + m N)|^3.
-fn aliases(h: i32, n: f64) -> f64 {
+pub(super) fn aliases(h: f64, n: f64) -> f64 {
     const TERMS: i32 = 20;
-    let ratio = f64::from(h) / n;
+    let ratio = h / n;
     let near: f64 = (1..=TERMS)
         .flat_map(|m| [f64::from(m), -f64::from(m)])
         .map(|m| (ratio / (ratio + m)).abs().powi(3))
@@ -247,7 +280,7 @@ fn aliases(h: i32, n: f64) -> f64 {
 
 /// Unnormalised inverse transform of a box, one axis after the other; the axes rotate so that each
 /// in turn is the contiguous one.
-fn inverse_transform(grid: &mut Vec<Complex64>, mut sizes: [usize; 3]) {
+pub(super) fn inverse_transform(grid: &mut Vec<Complex64>, mut sizes: [usize; 3]) {
     let mut planner = FftPlanner::new();
     for _ in 0..3 {
         let [nx, ny, nz] = sizes;

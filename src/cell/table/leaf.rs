@@ -146,7 +146,11 @@ impl Leaf {
         let scale = grid.per_unit();
         let step = Vec3::from(scale.map(f64::recip));
         let around = element.cell_box();
-        let faces = element.faces();
+        // The ball's are those of the icosahedron in it.
+        let faces = match element {
+            Element::Ball => Element::Hex.faces(),
+            other => other.faces(),
+        };
         let cells = |a: usize| -> std::ops::Range<i64> {
             let lo = (around.min[a] * scale[a] - 1e-9).floor() as i64;
             let hi = ((around.max[a] * scale[a] + 1e-9).ceil() as i64).max(lo + 1);

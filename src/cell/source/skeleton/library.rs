@@ -22,7 +22,7 @@ pub fn plate_sets(element: Element) -> &'static [&'static str] {
     match element {
         Element::Hex => &["face_plates", "sc_plates", "bcc_plates", "fcc_plates"],
         Element::Tet => &["face_plates", "fcc_plates"],
-        _ if element.dimension() == 2 => &[],
+        Element::Tri | Element::Quad => &[],
         _ => &["face_plates"],
     }
 }

@@ -1,0 +1,214 @@
+//! Series over the icosahedral module, seen in space: Phi(x) = Phi6(x, 0).
+//!
+//! Icosahedral functions have no periods in space. They are sums of plane waves whose frequencies
+//! f = 2 sum k e are integer combinations of the six axes e of order 5: a module of rank 6, on which
+//! the group acts by signed permutations of k. Such a sum is a function with periods in six
+//! dimensions, a [`Series<6>`] on the lattice `icosahedral`, at points whose three internal
+//! coordinates are 0 (cut and project; Duneau and Katz 1985). The band |f| <= R is that of all six
+//! components, so that waves whose internal part is large are left out.
+//!
+//! The mirrors x = 0, y = 0 and z = 0 belong to the group: the sum is one of products
+//! cos(2 pi f x) cos(2 pi f' y) cos(2 pi f'' z), far fewer than exponentials.
+
+use super::Series;
+use crate::field::{Field, Interval};
+use crate::frame::{CellBox, CellPoint, Vec3};
+use nalgebra::SVector;
+use std::collections::BTreeMap;
+use std::f64::consts::TAU;
+use std::ops::Range;
+use std::sync::Arc;
+
+/// Frequencies closer than this are one.
+const SAME: f64 = 1e-9;
+
+/// A sum of products of cosines; every factor's frequency is one of a list.
+#[derive(Debug)]
+pub(super) struct Products {
+    frequencies: Vec<f64>,
+    /// By the frequencies along x and y: those along z with their weights.
+    runs: Vec<([usize; 2], Range<usize>)>,
+    terms: Vec<(usize, f64)>,
+}
+
+/// A series over the icosahedral module.
+#[derive(Debug)]
+pub struct Icosahedral {
+    series: Series<6>,
+    products: Arc<Products>,
+}
+
+impl From<Series<6>> for Icosahedral {
+    /// The series must have the group Ih, as cells make sure.
+    fn from(series: Series<6>) -> Self {
+        let products = Arc::new(Products::new(&series));
+        Self { series, products }
+    }
+}
+
+/// A point in space among the six dimensions.
+fn lifted(x: Vec3) -> SVector<f64, 6> {
+    SVector::from_fn(|a, _| if a < 3 { x[a] } else { 0.0 })
+}
+
+impl Icosahedral {
+    /// The series in six dimensions.
+    pub fn series(&self) -> &Series<6> {
+        &self.series
+    }
+
+    pub(super) fn products(&self) -> &Arc<Products> {
+        &self.products
+    }
+
+    /// Greatest length of a frequency in space, in cycles per unit of reference length.
+    pub fn band_limit(&self) -> f64 {
+        let lattice = self.series.lattice();
+        let lengths = self.series.coefficients().iter();
+        lengths
+            .map(|t| lattice.frequency(t.k).fixed_rows::<3>(0).norm())
+            .fold(0.0, f64::max)
+    }
+}
+
+impl Field for Icosahedral {
+    type Point = CellPoint<3>;
+
+    fn value(&self, p: CellPoint<3>) -> f64 {
+        self.products.value(p.0)
+    }
+
+    fn value_and_gradient(&self, p: CellPoint<3>) -> (f64, Vec3) {
+        self.products.value_and_gradient(p.0)
+    }
+
+    fn bound(&self, region: &CellBox<3>) -> Interval {
+        self.series.bound(&CellBox {
+            min: lifted(region.min),
+            max: lifted(region.max),
+        })
+    }
+}
+
+impl Products {
+    fn new(series: &Series<6>) -> Self {
+        let in_space: Vec<([f64; 3], f64)> = series
+            .exponentials()
+            .iter()
+            .map(|&(k, c)| {
+                let f = series.lattice().frequency(k);
+                ([f[0].abs(), f[1].abs(), f[2].abs()], c[0])
+            })
+            .collect();
+        let mut frequencies: Vec<f64> = in_space.iter().flat_map(|t| t.0).collect();
+        frequencies.sort_unstable_by(f64::total_cmp);
+        frequencies.dedup_by(|next, kept| *next - *kept < SAME);
+        let number = |f: f64| frequencies.partition_point(|other| *other < f - SAME);
+        let mut weights: BTreeMap<[usize; 3], f64> = BTreeMap::new();
+        for (f, c) in in_space {
+            *weights.entry(f.map(number)).or_default() += c;
+        }
+        let (mut runs, mut terms) = (Vec::<([usize; 2], Range<usize>)>::new(), Vec::new());
+        for ([x, y, z], weight) in weights {
+            let end = terms.len() + 1;
+            terms.push((z, weight));
+            match runs.last_mut() {
+                Some((own, range)) if *own == [x, y] => range.end = end,
+                _ => runs.push(([x, y], end - 1..end)),
+            }
+        }
+        Self {
+            frequencies,
+            runs,
+            terms,
+        }
+    }
+
+    /// Every product: its frequencies along the axes and its weight.
+    pub fn all(&self) -> impl Iterator<Item = ([f64; 3], f64)> {
+        self.runs.iter().flat_map(|([x, y], range)| {
+            self.terms[range.clone()].iter().map(|(z, weight)| {
+                let f = [*x, *y, *z].map(|n| self.frequencies[n]);
+                (f, *weight)
+            })
+        })
+    }
+
+    /// Greatest frequency along an axis.
+    pub fn greatest(&self) -> f64 {
+        self.frequencies.last().copied().unwrap_or(0.0)
+    }
+
+    fn cosines(&self, x: f64) -> Vec<f64> {
+        let angles = self.frequencies.iter().map(|f| TAU * f * x);
+        angles.map(f64::cos).collect()
+    }
+
+    fn value(&self, p: Vec3) -> f64 {
+        let [x, y, z] = [p.x, p.y, p.z].map(|c| self.cosines(c));
+        let mut sum = 0.0;
+        for ([i, j], range) in &self.runs {
+            let along: f64 = self.terms[range.clone()].iter().map(|t| t.1 * z[t.0]).sum();
+            sum += x[*i] * y[*j] * along;
+        }
+        sum
+    }
+
+    fn value_and_gradient(&self, p: Vec3) -> (f64, Vec3) {
+        // Cosines and their derivatives.
+        let tables = |x: f64| -> (Vec<f64>, Vec<f64>) {
+            let both = self.frequencies.iter().map(|f| {
+                let (sine, cosine) = (TAU * f * x).sin_cos();
+                (cosine, -TAU * f * sine)
+            });
+            both.unzip()
+        };
+        let [(x, dx), (y, dy), (z, dz)] = [p.x, p.y, p.z].map(tables);
+        let (mut value, mut gradient) = (0.0, Vec3::zeros());
+        for ([i, j], range) in &self.runs {
+            let (mut along, mut slope) = (0.0, 0.0);
+            for (n, weight) in &self.terms[range.clone()] {
+                along += weight * z[*n];
+                slope += weight * dz[*n];
+            }
+            value += x[*i] * y[*j] * along;
+            gradient += Vec3::new(
+                dx[*i] * y[*j] * along,
+                x[*i] * dy[*j] * along,
+                x[*i] * y[*j] * slope,
+            );
+        }
+        (value, gradient)
+    }
+
+    /// Values at the points of a grid that has the same `places` along every axis, z fastest.
+    pub fn on_grid(&self, places: &[f64]) -> Vec<f64> {
+        use rayon::prelude::*;
+        let n = places.len();
+        let tables: Vec<Vec<f64>> = places.iter().map(|x| self.cosines(*x)).collect();
+        // Along z first, for every run; then along y, for every frequency along x.
+        let along: Vec<Vec<f64>> = self
+            .runs
+            .par_iter()
+            .map(|(_, range)| {
+                let own = &self.terms[range.clone()];
+                let sum = |z: &Vec<f64>| own.iter().map(|t| t.1 * z[t.0]).sum();
+                tables.iter().map(sum).collect()
+            })
+            .collect();
+        let mut values = vec![0.0; n * n * n];
+        values
+            .par_chunks_mut(n)
+            .enumerate()
+            .for_each(|(line, out)| {
+                let (x, y) = (&tables[line / n], &tables[line % n]);
+                for (([i, j], _), along) in self.runs.iter().zip(&along) {
+                    let factor = x[*i] * y[*j];
+                    for (v, a) in out.iter_mut().zip(along) {
+                        *v += factor * a;
+                    }
+                }
+            });
+        values
+    }
+}
