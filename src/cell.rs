@@ -68,15 +68,15 @@ pub use constraint::Constraint;
 pub use error::CellError;
 pub use file::CellTextError;
 pub use fit::{
-    Components, Distance, FitError, FitOptions, FitReport, Hausdorff, Method, Placement, Sample,
-    Solver, SourceReport, Spectrum, Symmetrise, Transform, band_of_samples, fit, fit_matched,
-    fit_mesh, fit_samples, fit_source, fourier_coefficients, largest_band, least_squares,
+    Components, Distance, Filter, FitError, FitOptions, FitReport, Hausdorff, Method, Placement,
+    Sample, Solver, SourceReport, Spectrum, Symmetrise, Transform, band_of_samples, fit,
+    fit_matched, fit_mesh, fit_samples, fit_source, fourier_coefficients, lanczos, largest_band,
+    least_squares,
 };
 pub use form::{Form, Node};
 pub use hybrid::Join;
-pub use icosahedral::Icosahedral;
-pub(crate) use pairing::operators_of;
-pub use pairing::{default_group, groups, lattices, symmetry};
+pub use icosahedral::{Icosahedral, lifted};
+pub use pairing::{default_group, groups, lattices, operators_of, rank, symmetry};
 pub use series::{Coefficient, Series};
 pub use solid::Solid;
 pub use source::{

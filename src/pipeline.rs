@@ -40,12 +40,13 @@ mod scaffold;
 mod shape;
 mod slices;
 mod source;
+mod standalone;
 mod stock;
 mod varying;
 mod volumes;
 mod wall;
 
-pub use cells::{levelled, make_cell, one_element, read_source};
+pub use cells::{levelled, make_cell, one_element, own_element, read_source};
 pub use crystals::{CrystalScript, crystal_script};
 pub use error::RunError;
 pub use estimate::Estimate;

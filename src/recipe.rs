@@ -43,15 +43,16 @@ pub use brief::{Brief, Short};
 pub use cell::{Caps, CellSection, ElementName, Place as CellPlace, Solid};
 
 pub use crystal::{CrystalFrame, CrystalRef, CrystalSection, SurfaceRef};
+pub(crate) use error::nearest;
 pub use error::{Place, RecipeError, RecipeFault};
 pub use file::{FileFrame, FileRef, Similarity, Up};
-pub use fit::{FitMethod, Solver, Symmetrise};
+pub use fit::{Filter, FitMethod, Solver, Symmetrise};
 pub use hybrid::{Hybrid, Ingredient, Surroundings};
 pub use op::{
     Blend, DropSmall, Fillet, Flow, Hollow, Iterations, Kernel, Move, Op, Renormalise, Resample,
     Trim, UpTo,
 };
-pub use operand::{Ball, Block, Grid, Mask, Operand, Plane, Rod, Side, Skin};
+pub use operand::{Ball, Block, Grid, Mask, Operand, Plane, Rod, Side, Single, Skin};
 pub use output::{Compression, Cut, Output, OutputKind, PictureSize};
 pub use quantity::{
     Finite, Fraction, HalfWidth, Length, Positive, QuantityError, Scale, Size, Unit, Width,

@@ -284,7 +284,12 @@ mod tests {
         };
         // A sixth of the unit cube is mapped onto the flag.
         let exact = 6.0 * Element::Ball.measure() / 120.0;
-        for from in [[0.9, 0.5, 0.2], [0.6, 0.55, 0.1], [0.99, 0.98, 0.9], [0.5, 0.2, 0.19]] {
+        for from in [
+            [0.9, 0.5, 0.2],
+            [0.6, 0.55, 0.1],
+            [0.99, 0.98, 0.9],
+            [0.5, 0.2, 0.19],
+        ] {
             assert!((volume(from, 1e-6) / exact - 1.0).abs() < 1e-4, "{from:?}");
         }
         for (corner, at) in [[1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [1.0; 3]].iter().zip(1..) {

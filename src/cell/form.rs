@@ -9,8 +9,8 @@
 //! where the two are closer than the radius r, has a continuous gradient there, and never decreases
 //! when a or b grows. Of more than two the first two are taken first.
 
-use super::pairing::embedded;
 use super::icosahedral::Icosahedral;
+use super::pairing::embedded;
 use super::{CellError, Series};
 use crate::frame::Mat3;
 use std::sync::Arc;

@@ -46,8 +46,8 @@ impl From<Series<6>> for Icosahedral {
     }
 }
 
-/// A point in space among the six dimensions.
-fn lifted(x: Vec3) -> SVector<f64, 6> {
+/// A point in space among the six dimensions: its internal coordinates are 0.
+pub fn lifted(x: Vec3) -> SVector<f64, 6> {
     SVector::from_fn(|a, _| if a < 3 { x[a] } else { 0.0 })
 }
 

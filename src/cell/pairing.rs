@@ -21,7 +21,7 @@ const PAIRINGS: [(Element, &[&str], &[&str]); 7] = [
 ];
 
 /// Dimension of an element's lattices: its own, of the ball that of the icosahedral module.
-pub(super) const fn rank(element: Element) -> usize {
+pub const fn rank(element: Element) -> usize {
     match element {
         Element::Ball => 6,
         _ => element.dimension(),
@@ -101,7 +101,12 @@ fn check_group(element: Element, name: &str, operators: &[Mat3]) -> Result<(), C
         return Ok(());
     }
     if element == Element::Ball {
-        return Err(unfitting(element, "group", name.to_owned(), "Ih".to_owned()));
+        return Err(unfitting(
+            element,
+            "group",
+            name.to_owned(),
+            "Ih".to_owned(),
+        ));
     }
     let expected = format!(
         "{}, or another group of symmetries of the {}",
@@ -180,8 +185,11 @@ pub(super) fn symmetry_of(element: Element, form: &Form) -> Result<(String, Vec<
     Ok((named.map_or("common", |n| n).to_owned(), operators))
 }
 
-/// The Cartesian operators of a named group of an element.
-pub(crate) fn operators_of(element: Element, group: &str) -> Result<Vec<Mat3>, CellError> {
+/// The Cartesian operators of a named group of an element; those of a planar one leave z in place.
+///
+/// # Errors
+/// As [`symmetry`].
+pub fn operators_of(element: Element, group: &str) -> Result<Vec<Mat3>, CellError> {
     fn of<const D: usize>(element: Element, group: &str) -> Result<Vec<Mat3>, CellError> {
         let (group, lattice) = symmetry::<D>(element, Some(group), None)?;
         Ok(embedded(&group, &lattice))

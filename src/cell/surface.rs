@@ -24,8 +24,9 @@ use std::collections::BTreeMap;
 /// origin the gyroid is zero. They come as periodic cells of the hex without symmetries (group C1),
 /// which fill only scaffolds whose elements are all turned alike, such as a box.
 ///
-/// All but the diamond have the full cubic group and fit a hex; all fit a tet, where they keep the
-/// cubic lattice of period 1. In a tet the network of `schwarz_p` that reaches from element to
+/// The others but the diamond have the full cubic group and fit a hex; with the diamond they fit a tet,
+/// where they keep the cubic lattice of period 1. In a hex the diamond has the group Td, half of the
+/// hex's own, and fills scaffolds whose elements are turned alike. In a tet the network of `schwarz_p` that reaches from element to
 /// element lies *above* the level: below it are balls around the vertices.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Surface {
@@ -131,6 +132,15 @@ impl Surface {
             .find(|s| plain(s.name()) == plain(name))
     }
 
+    /// The element that it is made for unless another is asked for: the tet for the diamond, whose group
+    /// is that of a tet.
+    pub const fn element(self) -> Element {
+        match self {
+            Self::Diamond => Element::Tet,
+            _ => Element::Hex,
+        }
+    }
+
     /// Its function as text.
     pub const fn formula(self) -> &'static str {
         match self {
@@ -163,8 +173,7 @@ impl Surface {
     /// The cell of an element, with level 0 and the solid below it.
     ///
     /// # Errors
-    /// [`CellError::NoSuchForm`] for the diamond in a hex, gyroid and lidinoid in a tet, and for other
-    /// elements.
+    /// [`CellError::NoSuchForm`] for gyroid and lidinoid in a tet, and for other elements.
     pub fn cell(self, element: Element) -> Result<Cell, CellError> {
         let no_form = |reason| CellError::NoSuchForm {
             surface: self.name(),
@@ -179,12 +188,6 @@ impl Surface {
             Element::Wedge | Element::Pyramid | Element::Ball => {
                 return Err(no_form(
                     "its periods are those of a cube; use it with hexes or tets",
-                ));
-            }
-            Element::Hex if self == Self::Diamond => {
-                return Err(no_form(
-                    "half of its energy, sX sY sZ, changes sign under the inversion, and what \
-                     remains is another surface; use it with tets",
                 ));
             }
             Element::Tet if matches!(self, Self::Gyroid | Self::Lidinoid) => {
@@ -205,7 +208,9 @@ impl Surface {
             let series = Series::new(group, lattice, &expanded(products))?;
             return Cell::new(self.name(), element, series);
         }
-        let (group, lattice) = Cell::symmetry(element, Some("cubic"))?;
+        // Under the inversion half of the diamond's energy, sX sY sZ, changes sign.
+        let group = (self == Self::Diamond).then_some("Td");
+        let (group, lattice) = symmetry(element, group, Some("cubic"))?;
         // An orbit of the full cubic group may be two opposite orbits of its subgroup; a pair is
         // listed once in either, with the same real coefficient.
         let series = Series::new(group, lattice, self.terms())?;

@@ -18,7 +18,7 @@
 
 use super::{Cell, CellError, Form, Solid};
 use crate::field::{Field, Interval};
-use crate::frame::{CellBox, CellPoint, Element, Mat3, Vec3};
+use crate::frame::{CellBox, CellPoint, Element, Vec3};
 
 mod build;
 mod leaf;
@@ -50,7 +50,6 @@ enum Function {
 pub struct Table {
     element: Element,
     fits_any_numbering: bool,
-    operators: Vec<Mat3>,
     solid: Solid,
     /// Half thickness of a sheet; 0 otherwise, since the level is in the coefficients.
     half: f32,
@@ -164,7 +163,6 @@ impl Table {
                 other => other,
             },
             fits_any_numbering: whole,
-            operators: cell.operators().to_vec(),
             solid: cell.solid(),
             half: if symmetric { cell.level() as f32 } else { 0.0 },
             sign: if cell.solid() == Solid::Above {
@@ -183,11 +181,6 @@ impl Table {
     /// The element the cell fills; of a ball the cube around it.
     pub fn element(&self) -> Element {
         self.element
-    }
-
-    /// The cell's symmetries as Cartesian matrices.
-    pub fn operators(&self) -> &[Mat3] {
-        &self.operators
     }
 
     /// Whether the cell is the same whatever the numbering of an element's nodes.

@@ -1,7 +1,7 @@
 //! `druse cell info`, `eval` and `plot`.
 
 use super::{Answer, Failure, Session};
-use crate::cell::{Cell, default_group, groups, lattices};
+use crate::cell::{Cell, default_group, groups, lattices, rank};
 use crate::field::Field;
 use crate::frame::{CellPoint, Element, Mat3, Vec3};
 use crate::io::atomic::write_bytes;
@@ -25,7 +25,7 @@ enum What {
         /// The .cell file, or the name of a surface.
         #[arg(required_unless_present = "group")]
         cell: Option<PathBuf>,
-        /// A point group: D3, D4 in the plane; Td, Oh, D3h, C4v, D2h, D4h, T, Th, O, C3v, C1; or a file
+        /// A point group: D3, D4 in the plane; Td, Oh, D3h, C4v, D2h, D4h, T, Th, O, C3v, C1; Ih; or a file
         /// with one generator a line, such as "x,-z,y" (and `name`, `lattice` and a word).
         #[arg(long, conflicts_with = "cell", value_name = "NAME|FILE")]
         group: Option<String>,
@@ -162,12 +162,9 @@ fn group_info(name: &str, lattice: Option<&str>, radius: f64) -> Result<Answer, 
         return group_file(path, lattice, radius);
     }
     // That of the element whose whole group it is, or of the first that has it.
-    let first = || {
-        Element::ALL
-            .into_iter()
-            .find(|e| groups(*e).contains(&name))
-    };
-    let whole = Element::ALL.into_iter().find(|e| default_group(*e) == name);
+    let all = || Element::ALL.into_iter().chain([Element::Ball]);
+    let first = || all().find(|e| groups(*e).contains(&name));
+    let whole = all().find(|e| default_group(*e) == name);
     let own = match name {
         "C1" => "cubic",
         _ => whole.or_else(first).map_or("cubic", |e| lattices(e)[0]),
@@ -177,6 +174,10 @@ fn group_info(name: &str, lattice: Option<&str>, radius: f64) -> Result<Answer, 
     if let Ok(plane) = Lattice::<2>::named(lattice) {
         let group = PointGroup::named(name, &plane).map_err(failed)?;
         return Ok(list_group(group, plane, radius));
+    }
+    if let Ok(six) = Lattice::<6>::named(lattice) {
+        let group = PointGroup::named(name, &six).map_err(failed)?;
+        return Ok(list_group(group, six, radius));
     }
     let space = Lattice::<3>::named(lattice).map_err(failed)?;
     let group = PointGroup::named(name, &space).map_err(failed)?;
@@ -206,7 +207,8 @@ fn list_group<const D: usize>(group: PointGroup<D>, lattice: Lattice<D>, radius:
     let domain = group.frequency_domain(&lattice);
     let elements: Vec<&str> = Element::ALL
         .into_iter()
-        .filter(|e| e.dimension() == D && is_of(*e, &group, &lattice))
+        .chain([Element::Ball])
+        .filter(|e| rank(*e) == D && is_of(*e, &group, &lattice))
         .map(Element::name)
         .collect();
     let operators: Vec<String> = group.operators().iter().map(ToString::to_string).collect();

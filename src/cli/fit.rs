@@ -3,7 +3,7 @@
 use super::{Answer, Failure, Session};
 use crate::cell::{Cell, Surface};
 use crate::frame::Element;
-use crate::io::{read_cell, write_cell};
+use crate::io::write_cell;
 use crate::pipeline::{self, RunError, Warning};
 use crate::progress::Threads;
 use crate::recipe::CellSection;
@@ -89,14 +89,7 @@ pub(super) fn section(
 ) -> Result<(CellSection, Element), Failure> {
     let mut section = flags.clone();
     pipeline::enter_source(input, &mut section)?;
-    let element = match section.own_element() {
-        Some(element) => element,
-        None if section.file.is_some() => read_cell(input)?.element(),
-        None => match surface(input, None)? {
-            Some(cell) => cell.element(),
-            None => Element::Hex,
-        },
-    };
+    let element = pipeline::own_element(&section, &Path::to_path_buf)?;
     if let Some(file) = &section.voxels {
         super::vdb::inspect_voxels(&file.path)?;
     }
@@ -112,21 +105,15 @@ pub(super) fn of_input(error: RunError, input: &Path) -> Failure {
     }
 }
 
-/// The surface that an argument names, unless it is a file; on the hex, or the tet where the surface
-/// has only that form.
+/// The surface that an argument names, unless it is a file; on its own element unless another is asked
+/// for.
 pub(super) fn surface(argument: &Path, element: Option<Element>) -> Result<Option<Cell>, Failure> {
     let Some(surface) = argument.to_str().and_then(Surface::from_name) else {
         return Ok(None);
     };
     let failed = |e: crate::cell::CellError| Failure::data(argument, e.to_string());
-    match element {
-        Some(element) => surface.cell(element).map(Some).map_err(failed),
-        None => surface
-            .cell(Element::Hex)
-            .or_else(|_| surface.cell(Element::Tet))
-            .map(Some)
-            .map_err(failed),
-    }
+    let element = element.unwrap_or(surface.element());
+    surface.cell(element).map(Some).map_err(failed)
 }
 
 pub(super) fn stem(path: &Path) -> String {

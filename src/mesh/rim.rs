@@ -39,7 +39,7 @@ impl Rim {
     pub(crate) fn drift(&self, centre: Vec3, radius: f64) -> f64 {
         let r = self.sides.closest(centre, None).0.distance - radius;
         if r > 0.0 {
-            // A twentieth for the dipoles.
+            // A twentieth for what far groups are off.
             self.length * radius / (4.0 * std::f64::consts::PI * r * r) + 0.05
         } else {
             f64::INFINITY

@@ -29,7 +29,7 @@ pub struct MeshSolid {
     surface: Soup,
     /// What winds, where it is more than the surface.
     whole: Option<Soup>,
-    /// Dipoles, where something is open.
+    /// Expansions of far triangles, where something is open.
     winding: Option<Winding>,
     /// Triangles that wind only: there the sign may change away from the surface.
     caps: Option<Soup>,
@@ -112,11 +112,11 @@ impl MeshSolid {
     }
 
     /// The generalised winding number at `p`: exact and whole for a cycle, otherwise within a few
-    /// hundredths (dipoles stand for far triangles).
+    /// thousandths (far triangles count in groups).
     pub fn winding_number(&self, p: Vec3) -> f64 {
         let soup = self.whole.as_ref().unwrap_or(&self.surface);
         match &self.winding {
-            Some(dipoles) => dipoles.number(soup, p),
+            Some(expansions) => expansions.number(soup, p),
             None if !self.bounds.contains(WorldPoint(p)) => 0.0,
             None => crossing::winding(soup, &self.bounds, p) as f64,
         }

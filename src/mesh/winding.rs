@@ -2,39 +2,65 @@
 //!
 //! w(q) = sum over triangles of (solid angle seen from q) / 4 pi: 1 inside and 0 outside a closed
 //! outward mesh, and a smooth harmonic function where the surface is open. Far groups of triangles
-//! count by their dipole N . (c - q) / (4 pi |c - q|^3), N the sum of area vectors and c the
-//! area-weighted centre, once |c - q| > BETA times the group's radius (Barill, Dickson, Schmidt, Levin,
-//! Jacobson, *Fast winding numbers for soups and clouds*, 2018, first order); near triangles count
-//! exactly.
+//! count by the Taylor expansion of F(d) = d / |d|^3 about their area-weighted centre c, once
+//! |c - q| > BETA times the group's radius; near triangles count exactly (Barill, Dickson, Schmidt,
+//! Levin, Jacobson, *Fast winding numbers for soups and clouds*, 2018, second order). With r = c - q,
+//! the area vectors n and places c + e of the group's surface, and
+//! N = int n, M = int e n, T = int e e n / 2, its solid angle is
+//! N.r / r^3 - 3 r.M.r / r^5 + 15 T(r, r, r) / r^7 for the symmetric traceless parts of M and T: the
+//! rest does not count, since F is a gradient and has no divergence.
 
 use super::bvh::{Child, Node};
 use super::soup::Soup;
 use super::triangle::SolidAngle;
-use crate::frame::Vec3;
+use crate::frame::{Mat3, Vec3};
 
-/// How many radii away a group counts by its dipole: with 2, the usual choice, coarse meshes are off by
-/// up to 0.06; with 3, by 0.03.
-const BETA: f32 = 3.0;
+/// How many radii away a group counts by its expansion: with 2 coarse meshes are off by up to 0.004,
+/// fine ones by less.
+const BETA: f32 = 2.0;
 /// Inner nodes that wait at most (see the hierarchy's own bound).
 const STACK: usize = 256;
+/// Index pairs and triples of the components of M and T that are kept.
+const PAIRS: [[usize; 2]; 6] = [[0, 0], [1, 1], [2, 2], [0, 1], [0, 2], [1, 2]];
+const TRIPLES: [[usize; 3]; 10] = [
+    [0, 0, 0],
+    [1, 1, 1],
+    [2, 2, 2],
+    [0, 0, 1],
+    [0, 0, 2],
+    [1, 1, 0],
+    [1, 1, 2],
+    [2, 2, 0],
+    [2, 2, 1],
+    [0, 1, 2],
+];
 
-/// Dipoles of a node's four children, by lane, in the tree's local frame.
+/// Expansions of a node's four children, by lane, in the tree's local frame.
 #[repr(align(64))]
 #[derive(Clone)]
-struct Dipoles {
+struct Expansions {
     centre: [[f32; 4]; 3],
     normal: [[f32; 4]; 3],
+    /// -3 M by [`PAIRS`], those off the diagonal twice.
+    pairs: [[f32; 4]; 6],
+    /// 15 T by [`TRIPLES`], as often as the triple can be ordered.
+    triples: [[f32; 4]; 10],
     /// (BETA radius)^2; infinite never to be taken.
     reach2: [f32; 4],
 }
 
-/// One group's dipole while they are gathered.
+/// One group's moments while they are gathered.
 #[derive(Clone, Copy)]
 struct Moment {
     area: f64,
     /// Area times centre.
     first: Vec3,
+    /// N.
     normal: Vec3,
+    /// M about the centre: row the place, column the area vector.
+    second: Mat3,
+    /// 2 T about the centre: for every component of the area vector the matrix of the places.
+    third: [Mat3; 3],
     radius: f64,
 }
 
@@ -43,6 +69,8 @@ impl Moment {
         area: 0.0,
         first: Vec3::new(0.0, 0.0, 0.0),
         normal: Vec3::new(0.0, 0.0, 0.0),
+        second: Mat3::new(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+        third: [Mat3::new(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0); 3],
         radius: 0.0,
     };
 
@@ -53,11 +81,52 @@ impl Moment {
             self.first
         }
     }
+
+    /// Adds what another has about a centre that lies `by` from this one's.
+    fn add_moved(&mut self, other: &Self, by: Vec3) {
+        self.normal += other.normal;
+        self.second += other.second + by * other.normal.transpose();
+        for j in 0..3 {
+            let row = other.second.column(j) * by.transpose();
+            self.third[j] +=
+                other.third[j] + row + row.transpose() + by * by.transpose() * other.normal[j];
+        }
+    }
+
+    /// -3 M and 15 T, symmetric and traceless.
+    fn traceless(&self) -> ([f64; 6], [f64; 10]) {
+        let mean = self.second.trace() / 3.0;
+        let pairs = PAIRS.map(|[i, j]| {
+            if i == j {
+                -3.0 * (self.second[(i, i)] - mean)
+            } else {
+                -3.0 * (self.second[(i, j)] + self.second[(j, i)])
+            }
+        });
+        let whole = |i: usize, j: usize, k: usize| {
+            let t = &self.third;
+            (t[k][(i, j)] + t[i][(j, k)] + t[j][(k, i)]) / 6.0
+        };
+        let trace = [0, 1, 2].map(|k| (0..3).map(|i| whole(i, i, k)).sum::<f64>() / 5.0);
+        let triples = TRIPLES.map(|[i, j, k]| {
+            let mut value = whole(i, j, k);
+            value -= f64::from(u8::from(i == j)) * trace[k];
+            value -= f64::from(u8::from(j == k)) * trace[i];
+            value -= f64::from(u8::from(i == k)) * trace[j];
+            let orders = match (i == j, j == k) {
+                (true, true) => 1.0,
+                (false, false) => 6.0,
+                _ => 3.0,
+            };
+            15.0 * orders * value
+        });
+        (pairs, triples)
+    }
 }
 
-/// Dipoles for every node of a soup's tree.
+/// Expansions for every node of a soup's tree.
 pub(crate) struct Winding {
-    dipoles: Vec<Dipoles>,
+    expansions: Vec<Expansions>,
 }
 
 impl Winding {
@@ -79,7 +148,7 @@ impl Winding {
             }
         }
         Self {
-            dipoles: lanes.iter().map(pack).collect(),
+            expansions: lanes.iter().map(pack).collect(),
         }
     }
 
@@ -101,7 +170,7 @@ impl Winding {
         while top > 0 {
             top -= 1;
             let n = stack[top] as usize;
-            let (flux, is_far) = self.dipoles[n].seen_from(p);
+            let (flux, is_far) = self.expansions[n].seen_from(p);
             let node: &Node = &nodes[n];
             for l in 0..4 {
                 if is_far[l] {
@@ -122,23 +191,45 @@ impl Winding {
     }
 }
 
-impl Dipoles {
-    /// Solid angle of each lane by its dipole, and whether the lane is far enough for that.
+impl Expansions {
+    /// Solid angle of each lane by its expansion, and whether the lane is far enough for that.
     fn seen_from(&self, p: [f32; 3]) -> ([f32; 4], [bool; 4]) {
+        let mut r = [[0f32; 4]; 3];
         let mut d2 = [0f32; 4];
-        let mut dot = [0f32; 4];
         for a in 0..3 {
             for l in 0..4 {
-                let d = self.centre[a][l] - p[a];
-                d2[l] += d * d;
-                dot[l] += self.normal[a][l] * d;
+                r[a][l] = self.centre[a][l] - p[a];
+                d2[l] += r[a][l] * r[a][l];
+            }
+        }
+        let mut far = [false; 4];
+        for l in 0..4 {
+            far[l] = d2[l] > self.reach2[l];
+        }
+        if far == [false; 4] {
+            return ([0.0; 4], far);
+        }
+        let (mut one, mut two, mut three) = ([0f32; 4], [0f32; 4], [0f32; 4]);
+        for a in 0..3 {
+            for l in 0..4 {
+                one[l] += self.normal[a][l] * r[a][l];
+            }
+        }
+        for (own, [i, j]) in self.pairs.iter().zip(PAIRS) {
+            for l in 0..4 {
+                two[l] += own[l] * r[i][l] * r[j][l];
+            }
+        }
+        for (own, [i, j, k]) in self.triples.iter().zip(TRIPLES) {
+            for l in 0..4 {
+                three[l] += own[l] * r[i][l] * r[j][l] * r[k][l];
             }
         }
         let mut flux = [0f32; 4];
-        let mut far = [false; 4];
         for l in 0..4 {
-            flux[l] = dot[l] / (d2[l] * d2[l].sqrt());
-            far[l] = d2[l] > self.reach2[l];
+            let inverse2 = 1.0 / d2[l];
+            flux[l] =
+                (one[l] + (two[l] + three[l] * inverse2) * inverse2) * inverse2 * inverse2.sqrt();
         }
         (flux, far)
     }
@@ -147,20 +238,37 @@ impl Dipoles {
 /// The moment of a leaf's triangles.
 fn leaf(triangles: impl Iterator<Item = [Vec3; 3]> + Clone) -> Moment {
     let mut m = Moment::ZERO;
-    for [a, b, c] in triangles.clone() {
-        let n = (b - a).cross(&(c - a)) / 2.0;
-        let area = n.norm();
-        m.area += area;
-        m.normal += n;
-        m.first += (a + b + c) * (area / 3.0);
+    let parts: Vec<(Moment, Vec3)> = triangles
+        .clone()
+        .map(|[a, b, c]| {
+            let normal = (b - a).cross(&(c - a)) / 2.0;
+            let centre = (a + b + c) / 3.0;
+            // The mean of e e over a triangle.
+            let spread = [a, b, c].map(|v| (v - centre) * (v - centre).transpose());
+            let spread = (spread[0] + spread[1] + spread[2]) / 12.0;
+            let part = Moment {
+                area: normal.norm(),
+                normal,
+                third: [0, 1, 2].map(|j| spread * normal[j]),
+                ..Moment::ZERO
+            };
+            (part, centre)
+        })
+        .collect();
+    for (part, centre) in &parts {
+        m.area += part.area;
+        m.first += centre * part.area;
     }
     if m.area == 0.0 {
-        m.first = triangles.clone().flatten().next().unwrap_or_default();
+        m.first = parts.first().map_or(Vec3::zeros(), |p| p.1);
     }
-    let centre = m.centre();
+    let middle = m.centre();
+    for (part, centre) in &parts {
+        m.add_moved(part, centre - middle);
+    }
     m.radius = triangles
         .flatten()
-        .map(|p| (p - centre).norm())
+        .map(|p| (p - middle).norm())
         .fold(0.0, f64::max);
     m
 }
@@ -168,43 +276,49 @@ fn leaf(triangles: impl Iterator<Item = [Vec3; 3]> + Clone) -> Moment {
 /// The moment of four lanes together; its radius holds theirs.
 fn group(lanes: &[Moment; 4]) -> Moment {
     let mut m = Moment::ZERO;
-    for l in lanes {
+    let filled = || lanes.iter().filter(|l| l.area > 0.0);
+    for l in filled() {
         m.area += l.area;
-        m.normal += l.normal;
-        if l.area > 0.0 {
-            m.first += l.first;
-        }
+        m.first += l.first;
     }
     if m.area == 0.0 {
         m.first = lanes[0].first;
     }
     let centre = m.centre();
-    let reach = |l: &Moment| (l.centre() - centre).norm() + l.radius;
-    m.radius = lanes
-        .iter()
-        .filter(|l| l.area > 0.0)
-        .map(reach)
-        .fold(0.0, f64::max);
+    for l in filled() {
+        let by = l.centre() - centre;
+        m.add_moved(l, by);
+        m.radius = m.radius.max(by.norm() + l.radius);
+    }
     m
 }
 
-fn pack(lanes: &[Moment; 4]) -> Dipoles {
-    let mut d = Dipoles {
+fn pack(lanes: &[Moment; 4]) -> Expansions {
+    let mut e = Expansions {
         centre: [[0.0; 4]; 3],
         normal: [[0.0; 4]; 3],
+        pairs: [[0.0; 4]; 6],
+        triples: [[0.0; 4]; 10],
         reach2: [f32::INFINITY; 4],
     };
     for (l, m) in lanes.iter().enumerate() {
         let centre = m.centre();
         for a in 0..3 {
-            d.centre[a][l] = centre[a] as f32;
-            d.normal[a][l] = m.normal[a] as f32;
+            e.centre[a][l] = centre[a] as f32;
+            e.normal[a][l] = m.normal[a] as f32;
+        }
+        let (pairs, triples) = m.traceless();
+        for (to, from) in e.pairs.iter_mut().zip(pairs) {
+            to[l] = from as f32;
+        }
+        for (to, from) in e.triples.iter_mut().zip(triples) {
+            to[l] = from as f32;
         }
         // Rounding of a small far-away group: its radius in f32 must not vanish before its place.
         let radius = m.radius as f32 + 1e-6;
         if m.area > 0.0 {
-            d.reach2[l] = (BETA * radius) * (BETA * radius);
+            e.reach2[l] = (BETA * radius) * (BETA * radius);
         }
     }
-    d
+    e
 }

@@ -6,11 +6,13 @@ use super::operate::Bench;
 use super::report::Warning;
 use super::source::{CellFault, Found, Reader, SourceFault, alone};
 use super::standalone::StandAlone;
-use crate::cell::{Cell, Solid};
+use crate::cell::{Cell, Solid, Surface};
 use crate::frame::{Element, Vec3};
-use crate::recipe::{self, CellSection};
+use crate::io::ReadError;
+use crate::recipe::{self, CellSection, Recipe};
 use crate::tiling::TilingOptions;
 use crate::vdb::Session;
+use std::path::{Path, PathBuf};
 
 /// Makes the cell that a section describes, for an element.
 pub(super) fn make(
@@ -72,6 +74,35 @@ pub(super) fn make(
         inputs.warn(code, format!("{own}: {message}"))?;
     }
     levelled(cell, section).map_err(fail)
+}
+
+/// The element of a cell that no scaffold asks for: the one that its section names or its file has, a
+/// surface's own, else the hex.
+///
+/// # Errors
+/// [`ReadError`] of a `.cell` file.
+pub fn own_element(
+    section: &CellSection,
+    resolve: &dyn Fn(&Path) -> PathBuf,
+) -> Result<Element, ReadError> {
+    if let Some(element) = section.own_element() {
+        return Ok(element);
+    }
+    if let Some(file) = &section.file {
+        return Ok(crate::io::read_cell(&resolve(&file.path))?.element());
+    }
+    let surface = section.surface.as_deref().and_then(Surface::from_name);
+    Ok(surface.map_or(Element::Hex, Surface::element))
+}
+
+/// The same of a cell of a recipe; of a hybrid its first part's.
+pub(super) fn recipe_element(recipe: &Recipe, section: &CellSection) -> Result<Element, ReadError> {
+    let hybrid = section.hybrid().filter(|_| section.own_element().is_none());
+    let first = hybrid.as_ref().and_then(|h| h.parts().next());
+    match first.and_then(|part| recipe.sections().cell.get(part)) {
+        Some(part) => recipe_element(recipe, part),
+        None => own_element(section, &|path| recipe.resolve(path)),
+    }
 }
 
 /// Makes the cell that a section (of a command line, say) describes, its level found; paths are relative

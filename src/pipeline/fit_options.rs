@@ -1,6 +1,6 @@
 //! From the words of `[cell.NAME]` to the options of a fit.
 
-use crate::cell::{FitOptions, Method, Solver, Symmetrise};
+use crate::cell::{Filter, FitOptions, Method, Solver, Symmetrise};
 use crate::recipe::{self, CellSection, FitMethod};
 
 /// The greatest band limit that a tolerance tries when the section names none.
@@ -22,6 +22,10 @@ pub fn fit_options(section: &CellSection) -> FitOptions {
         },
         group: section.group.clone(),
         lattice: section.lattice.clone(),
+        filter: match section.filter.unwrap_or_default() {
+            recipe::Filter::None => Filter::None,
+            recipe::Filter::Lanczos => Filter::Lanczos,
+        },
         band_limit: section.band_limit.map_or(band_limit, |r| r.0),
         regularisation: section.regularisation.map(|r| r.0),
         samples: section.samples.map_or(default.samples, |n| n as usize),

@@ -188,7 +188,7 @@ fn combine(
     };
     let stage = format!("op.{n}.{}", op.name());
     let failed = RunError::level_set(&stage);
-    let mut shape = operand(stock, other, &format!("op.{n}"), bench.scale);
+    let mut shape = operand(stock, other, &format!("op.{n}"), bench.scale)?;
     if !shape.extent.size().iter().all(|s| s.is_finite()) {
         if !matches!(op, Op::Intersect(_) | Op::Subtract(_)) {
             return Err(RunError::Endless(shape.name));

@@ -7,7 +7,7 @@
 //! of the orbit's size: the best M terms in the mean) and shows the root mean square over points of the
 //! element of the difference to the source, or without one to the whole cell.
 
-use crate::cell::{Cell, Series, Source};
+use crate::cell::{Cell, Series, Source, lifted};
 use crate::field::Field;
 use crate::frame::{CellPoint, Element, Vec3};
 use crate::vdb::Image;
@@ -209,10 +209,14 @@ fn points(element: Element) -> Vec<CellPoint<3>> {
 /// The root mean square error when only so many coefficients are kept.
 fn curve(cell: &Cell, source: Option<&Source>) -> Curve {
     let form = cell.form();
-    match (form.series(), form.planar()) {
-        (Some(series), _) => truncated(cell, source, series, |p| p),
-        (_, Some(series)) => truncated(cell, source, series, |p| CellPoint(p.0.xy())),
-        _ => Curve::new(),
+    if let Some(series) = form.series() {
+        truncated(cell, source, series, |p| p)
+    } else if let Some(series) = form.planar() {
+        truncated(cell, source, series, |p| CellPoint(p.0.xy()))
+    } else if let Some(series) = form.icosahedral() {
+        truncated(cell, source, series, |p| CellPoint(lifted(p.0)))
+    } else {
+        Curve::new()
     }
 }
 

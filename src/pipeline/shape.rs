@@ -36,7 +36,7 @@ pub(super) fn shape<'a>(stock: &'a Stock, scale: Scale) -> Result<Shape<'a>, Run
         let other = match op {
             Op::Trim(trim) => boxed(trim_box(trim, scale), format!("the box of {key}")),
             _ => match op.operand() {
-                Some(operand) => self::operand(stock, operand, &key, scale),
+                Some(operand) => self::operand(stock, operand, &key, scale)?,
                 None => continue,
             },
         };
@@ -93,9 +93,9 @@ pub(super) fn operand<'a>(
     operand: &Operand,
     key: &str,
     scale: Scale,
-) -> Shape<'a> {
+) -> Result<Shape<'a>, RunError> {
     let point = |c: &[Length; 3]| Vec3::from(c.map(|l| l.resolve(scale)));
-    match operand {
+    Ok(match operand {
         Operand::Mesh(_) | Operand::Crystal(_) => {
             let solid = stock.solid(key);
             let word = operand.surface().map_or("solid", |s| s.word());
@@ -177,7 +177,12 @@ pub(super) fn operand<'a>(
                 name: format!("the plane of {key}"),
             }
         }
-    }
+        Operand::Cell(_) => {
+            let options = stock.tiling_options(scale);
+            let name = format!("the cell of {key}");
+            stock.single(key).shape(options, name)?
+        }
+    })
 }
 
 /// The box of a `trim`, world units; empty if its corners are exchanged.

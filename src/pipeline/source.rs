@@ -243,13 +243,15 @@ impl Reader<'_> {
             let source = self.source(section, element, found)?;
             let fitted = fit_source(name, element, &source, &options, self.session.progress);
             let cell = match fitted {
-                Err(e @ FitError::NoSymmetricPart { .. }) => {
+                Err(e @ FitError::NoSymmetricPart { .. }) if element != Element::Ball => {
                     let advice = elsewhere(&source, element)?;
                     return Err(CellFault::Rule(format!("{e}: {advice}")).into());
                 }
                 other => other?,
             };
-            if cell.report().is_some_and(|r| r.kept_energy < LITTLE) {
+            // The ball has one centre.
+            let movable = element != Element::Ball;
+            if movable && cell.report().is_some_and(|r| r.kept_energy < LITTLE) {
                 found.warn(Warning::CELL, &[elsewhere(&source, element)?]);
             }
             cell
@@ -394,7 +396,9 @@ fn placement(place: &CellPlace) -> Placement {
 pub fn enter_source(input: &Path, section: &mut CellSection) -> Result<(), ReadError> {
     let text = input.to_str().unwrap_or("");
     let file = || Some(Brief(FileFrame::short(input.to_owned())));
-    let elements = section.own_element().map_or(Element::ALL.to_vec(), |e| vec![e]);
+    let elements = section
+        .own_element()
+        .map_or(Element::ALL.to_vec(), |e| vec![e]);
     let plain = text.strip_suffix("_struts").unwrap_or(text);
     let offers = |names: fn(Element) -> &'static [&'static str]| {
         elements.iter().any(|e| names(*e).contains(&plain))
@@ -429,8 +433,16 @@ pub fn enter_source(input: &Path, section: &mut CellSection) -> Result<(), ReadE
             all.join(", ")
         };
         let surfaces: Vec<&str> = Surface::ALL.iter().map(|s| s.name()).collect();
+        let known: Vec<&str> = elements
+            .iter()
+            .flat_map(|e| graphs(*e).iter().chain(plate_sets(*e)))
+            .copied()
+            .chain(surfaces.iter().copied())
+            .collect();
+        let meant = recipe::nearest(text, &known);
+        let meant = meant.map_or_else(String::new, |m| format!("did you mean {m:?}? "));
         let hint = format!(
-            "an input is a file, a formula in x, y, z, a surface ({}), a strut graph ({}) or plates ({})",
+            "{meant}an input is a file, a formula in x, y, z, a surface ({}), a strut graph ({}) or plates ({})",
             surfaces.join(", "),
             names(graphs),
             names(plate_sets)

@@ -29,11 +29,7 @@ impl StandAlone {
             Element::Pyramid => (Kind::Pyramid5, Element::Pyramid),
             Element::Quad | Element::Hex | Element::Ball => (Kind::Hex8, Element::Hex),
         };
-        let vertices: Vec<Vec3> = shape
-            .vertices()
-            .iter()
-            .map(|v| centre + v * size)
-            .collect();
+        let vertices: Vec<Vec3> = shape.vertices().iter().map(|v| centre + v * size).collect();
         let mut elements = Connectivity::default();
         let nodes: Vec<u32> = (0..vertices.len() as u32).collect();
         elements.push(kind, &nodes);

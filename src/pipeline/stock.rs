@@ -1,14 +1,17 @@
 //! What a run is made of, read once: the meshes of its operations, its scaffold, its cell.
 
 use super::RunOptions;
+use super::cells;
 use super::error::{RunError, short};
 use super::filling::{Fill, Filled};
 use super::inputs::{Inputs, hash_text};
 use super::report::{Report, SolidReport, Warning};
 use super::scaffold;
 use super::shape::{Borrowed, Shape, field_operations};
+use super::standalone::StandAlone;
 use super::volumes::Volumes;
 use crate::field::{Intersection, WorldField};
+use crate::frame::Vec3;
 use crate::mesh::MeshSolid;
 use crate::progress::{Progress, Threads};
 use crate::recipe::{Boundary, Distance, Op, Operand, Recipe, Scale, SurfaceRef};
@@ -26,6 +29,7 @@ pub(super) struct Stock<'a> {
     pub volumes: Volumes,
     inputs: Inputs<'a>,
     solids: BTreeMap<String, Arc<MeshSolid>>,
+    singles: BTreeMap<String, StandAlone>,
     tiling: Option<Fill>,
 }
 
@@ -42,11 +46,13 @@ impl<'a> Stock<'a> {
             inputs: Inputs::new(recipe, options.strict),
             volumes: Volumes::default(),
             solids: BTreeMap::new(),
+            singles: BTreeMap::new(),
             tiling: None,
         };
         threads.install(|| {
             progress.stage("read", None);
             stock.load_solids()?;
+            stock.load_singles(Session::new(threads, progress))?;
             stock.load_tiling(Session::new(threads, progress))
         })?;
         let reader = options.isolated.as_ref();
@@ -73,6 +79,27 @@ impl<'a> Stock<'a> {
                 solid
             };
             self.solids.insert(format!("op.{n}"), solid);
+        }
+        Ok(())
+    }
+
+    /// Cells that operations take by themselves.
+    fn load_singles(&mut self, session: Session) -> Result<(), RunError> {
+        let sections = self.recipe.sections();
+        let scale = self.recipe.scale();
+        for (n, op) in sections.op.iter().enumerate() {
+            let Some(Operand::Cell(single)) = op.operand() else {
+                continue;
+            };
+            session.progress.stage("cell", None);
+            let section = &sections.cell[&single.name];
+            let key = format!("cell.{}", single.name);
+            let inputs = &mut self.inputs;
+            let element = cells::recipe_element(inputs.recipe, section)?;
+            let cell = cells::make(inputs, &key, section, element, session)?;
+            let centre = Vec3::from(single.centre.map(|l| l.resolve(scale)));
+            let alone = StandAlone::new(&cell, centre, single.size.resolve(scale))?;
+            self.singles.insert(format!("op.{n}"), alone);
         }
         Ok(())
     }
@@ -166,6 +193,11 @@ impl<'a> Stock<'a> {
     /// The mesh of an operation, by its key `op.N`.
     pub fn solid(&self, key: &str) -> &MeshSolid {
         &self.solids[key]
+    }
+
+    /// The cell of an operation, by its key `op.N`.
+    pub fn single(&self, key: &str) -> &StandAlone {
+        &self.singles[key]
     }
 
     /// How the recipe tiles, for voxels of one size.

@@ -2,7 +2,7 @@
 
 use super::crystal::CrystalRef;
 use super::file::{FileRef, Similarity};
-use super::fit::{FitMethod, Solver, Symmetrise};
+use super::fit::{Filter, FitMethod, Solver, Symmetrise};
 use super::hybrid::{Ingredient, Surroundings};
 use super::quantity::{Finite, Fraction, Positive};
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
@@ -106,6 +106,9 @@ pub struct CellSection {
     /// the period, or as in the literature, for comparison.
     #[cfg_attr(feature = "cli", arg(long))]
     pub method: Option<FitMethod>,
+    /// What is done to the spectrum of a fit by Fourier transform.
+    #[cfg_attr(feature = "cli", arg(long))]
+    pub filter: Option<Filter>,
     /// Meet the element's faces at a right angle.
     #[cfg_attr(feature = "cli", arg(long, num_args = 0..=1, default_missing_value = "true", action = clap::ArgAction::Set))]
     pub face_normal: Option<bool>,

@@ -36,6 +36,10 @@ pub(super) fn check(sections: &Sections, source: &Source) -> Checked {
     large_enough(sections, sections.unit.0, "band.voxel_size", source)?;
     for (n, op) in sections.op.iter().enumerate() {
         operation(op, &format!("op.{n}"), source)?;
+        if let Some(Operand::Cell(single)) = op.operand() {
+            let key = format!("op.{n}.{}.cell.name", op.name());
+            known_cell(&single.name, &key, sections, source)?;
+        }
         if *op == Op::Fog(true) && n + 1 < sections.op.len() {
             return Err(source.fault(
                 &format!("op.{n}.fog"),
@@ -138,8 +142,13 @@ fn scaffold(sections: &Sections, source: &Source) -> Checked {
             }
             scaffold_keys(scaffold, source)?;
             tiling_keys(tiling, source)?;
+            let key = if tiling.cell.is_some() {
+                "tiling.cell"
+            } else {
+                "tiling"
+            };
             for name in tiling.cells() {
-                known_cell(name, sections, source)?;
+                known_cell(name, key, sections, source)?;
             }
             Ok(())
         }
@@ -187,16 +196,11 @@ fn tiling_keys(tiling: &TilingSection, source: &Source) -> Checked {
     Ok(())
 }
 
-fn known_cell(name: &str, sections: &Sections, source: &Source) -> Checked {
+fn known_cell(name: &str, key: &str, sections: &Sections, source: &Source) -> Checked {
     if sections.cell.contains_key(name) {
         return Ok(());
     }
     let known: Vec<&String> = sections.cell.keys().collect();
-    let key = if sections.tiling.as_ref().is_some_and(|t| t.cell.is_some()) {
-        "tiling.cell"
-    } else {
-        "tiling"
-    };
     let error = source.fault(
         key,
         format!("no cell is named {name:?}; the recipe has {}", list(&known)),

@@ -18,6 +18,18 @@ pub enum FitMethod {
     Paper,
 }
 
+/// What is done to the spectrum of a fit by Fourier transform.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
+#[serde(rename_all = "lowercase")]
+pub enum Filter {
+    /// Nothing: best for distances.
+    #[default]
+    None,
+    /// Lanczos' sigma factors, which calm the waves beside steep places and round edges.
+    Lanczos,
+}
+
 /// What the images of a source that lacks the symmetry make together.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
 #[cfg_attr(feature = "cli", derive(clap::ValueEnum))]

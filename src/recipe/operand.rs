@@ -30,6 +30,8 @@ pub enum Operand {
     Capsule(Rod),
     /// All of space on one side of a plane.
     Plane(Plane),
+    /// One element of a cell of the palette, such as the ball of an icosahedral one.
+    Cell(Single),
 }
 
 impl Operand {
@@ -138,6 +140,20 @@ pub struct Rod {
     pub from: [Length; 3],
     /// The other end.
     pub to: [Length; 3],
+}
+
+/// One element of a cell, which stands alone.
+#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Single {
+    /// The cell, one of `[cell.NAME]`; a cell that names no element is made for a hex, with group Ih for a
+    /// ball.
+    pub name: String,
+    /// Length of the unit of its reference coordinates: the edge of a hex, the diameter of a ball.
+    pub size: Size,
+    /// Where the origin of its reference coordinates stands.
+    #[serde(default = "origin")]
+    pub centre: [Length; 3],
 }
 
 /// All of space on one side of a plane.

@@ -103,7 +103,8 @@ impl Corners {
                 c.slopes[..5].copy_from_slice(&kind.shape_gradients(point));
                 c.count = 5;
             }
-            Element::Hex | Element::Quad => {
+            // A ball is filled as the cube around it.
+            Element::Hex | Element::Quad | Element::Ball => {
                 let [(x, dx), (y, dy), (z, dz)] = [xi.x, xi.y, xi.z].map(|t| line(t + 0.5));
                 let ends = |t: f64, d: f64| [(1.0 - t, -d), (t, d)];
                 let (xs, ys, zs) = (ends(x, dx), ends(y, dy), ends(z, dz));

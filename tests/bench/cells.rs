@@ -1,12 +1,14 @@
-//! What the cells' fits reach and what they cost: `cargo bench --bench cells`.
+//! What the cells' fits reach and what they cost: `cargo bench --bench cells`; with `-- speed` only what
+//! they cost.
 //!
 //! Accuracy: four cells of the reference tetrahedron fitted with about 240 coefficients, by least
 //! squares over the element and by the mirror extension of the literature, without and with a right
 //! angle at the faces; lengths in reference units (edge sqrt 2). Speed: the projection of 128^3
 //! samples beside their own real transform, the least squares with 1,500 unknowns, the signed distance
-//! of a mesh of 27,540 triangles.
+//! of a mesh of 27,540 triangles, closed and as loose triangles, and look-ups in tables along the rows
+//! of turned leaves, 40 voxels to the unit.
 
-use druse::cell::{Cell, FitOptions, Method, Solver, Transform, fit, fourier_coefficients};
+use druse::cell::{Cell, FitOptions, Method, Solver, Table, Transform, fit, fourier_coefficients};
 use druse::field::{Field, SampleLattice};
 use druse::frame::{CellPoint, Element, Vec3, WorldPoint};
 use druse::mesh::{MeshSolid, TriMesh};
@@ -225,12 +227,95 @@ fn signed_distances() {
         "P16: signed distance of {triangles} triangles: {bulk:.2} us a point on a grid, {single:.2} us \
          one by one (at most 4.4)"
     );
+    // The same triangles, each with corners of its own a little astray and one in fifty left out.
+    let Ok(loose) = loosened(solid.mesh()) else {
+        return println!("no loose mesh");
+    };
+    let triangles = loose.triangles().len();
+    let solid = MeshSolid::new(loose);
+    let start = Instant::now();
+    let inside = (0..lattice.len()).filter(|&m| solid.contains(lattice.point(m).0));
+    let inside = inside.count();
+    println!(
+        "winding number of {triangles} loose triangles: {:.2} us a point; {inside} points inside",
+        each(start)
+    );
+}
+
+/// The triangles of a mesh by themselves, their corners a little astray, one in fifty left out.
+fn loosened(mesh: &TriMesh) -> Result<TriMesh, druse::mesh::MeshError> {
+    let mut state = 1u64;
+    let mut random = || {
+        state = state
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1);
+        (state >> 40) as f64 / (1u64 << 24) as f64 - 0.5
+    };
+    let (mut vertices, mut triangles) = (Vec::new(), Vec::new());
+    for corners in mesh.iter_corners() {
+        let first = vertices.len() as u32;
+        if random() < 0.48 {
+            let astray = |p: Vec3, r: [f64; 3]| p + Vec3::from(r) * 4e-4;
+            vertices.extend(corners.map(|p| astray(p, [random(), random(), random()])));
+            triangles.push([first, first + 1, first + 2]);
+        }
+    }
+    TriMesh::new(vertices, triangles)
+}
+
+/// Look-ups in the table of a fitted cell, one thread.
+fn look_ups() {
+    let cell = match fit(
+        "struts",
+        Element::Tet,
+        &sphere_struts,
+        &FitOptions::default(),
+        &Silent,
+    ) {
+        Ok(cell) => cell,
+        Err(error) => return println!("P6: {error}"),
+    };
+    let table = match Table::new(&cell) {
+        Ok(table) => table,
+        Err(error) => return println!("P6: {error}"),
+    };
+    // 400 leaves of 8^3 voxels, turned, spread over the element.
+    let turn = nalgebra::Rotation3::from_euler_angles(0.4, 0.7, 1.1);
+    let points: Vec<CellPoint<3>> = (0..400 * 512usize)
+        .map(|n| {
+            let leaf = (n / 512) as f64;
+            let corner = Vec3::new(leaf * 0.819_17, leaf * 0.671_04, leaf * 0.549_70);
+            let voxel = Vec3::new((n / 64 % 8) as f64, (n / 8 % 8) as f64, (n % 8) as f64);
+            CellPoint(corner.map(|c| c.fract() - 0.5) + turn * voxel / 40.0)
+        })
+        .collect();
+    let each = |seconds: f64| seconds * 1e9 / points.len() as f64;
+    let value = each(seconds(9, || {
+        for p in &points {
+            black_box(table.value(*p));
+        }
+    }));
+    let slope = each(seconds(9, || {
+        for p in &points {
+            black_box(table.sample(*p));
+        }
+    }));
+    println!(
+        "P6 look-up in a table of {}^3 samples, {} MiB: value {value:.1} ns (at most 10, aim 6), with \
+         gradient {slope:.1} ns (at most 18, aim 10)",
+        table.samples(),
+        table.bytes() >> 20
+    );
 }
 
 fn main() {
-    accuracy();
+    // Cargo adds an argument of its own.
+    if !std::env::args().any(|a| a == "speed") {
+        accuracy();
+    }
     match Threads::new(1) {
         Ok(one) => one.install(|| {
+            look_ups();
             transform_fit();
             signed_distances();
         }),

@@ -1,5 +1,6 @@
 //! The program as its users meet it: exit codes, what goes to stdout and stderr, bad input, signals.
 
+mod cells;
 mod hybrid;
 
 use std::fs;

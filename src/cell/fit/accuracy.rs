@@ -5,7 +5,7 @@ use super::sampling::{Place, Target, places};
 use super::{FitError, FitOptions, FitReport, Hausdorff, SourceReport, pieces};
 use crate::cell::Cell;
 use crate::field::Field;
-use crate::frame::{CellPoint, Element, Vec3};
+use crate::frame::{CellPoint, Element, Mat3, Vec3};
 use crate::progress::{Cancelled, Progress};
 use rayon::prelude::*;
 
@@ -17,6 +17,8 @@ pub(super) struct Extra<'a> {
     pub source: Option<SourceReport>,
     /// Samples over the whole period, and how many along an axis.
     pub period: Option<(&'a [f64], usize)>,
+    /// Whether its values are no distances, but only have the sign of one.
+    pub inexact: bool,
 }
 
 impl Extra<'_> {
@@ -202,12 +204,14 @@ fn flag_crossings(
         .collect()
 }
 
-/// The distance of a point to the cell's surface: Newton's steps, then steps along the surface
-/// towards the foot point.
-fn distance_to_surface(cell: &Cell, q: Vec3) -> Option<f64> {
+/// The distance of a point to the surface of a function: Newton's steps, then steps along the
+/// surface towards the foot point.
+fn distance_to_surface(function: &impl Fn(Vec3) -> (f64, Vec3), q: Vec3) -> Option<f64> {
     let mut x = q;
+    let mut last = (0.0, Vec3::zeros());
     for _ in 0..12 {
-        let (v, g) = cell.value_and_gradient(CellPoint(x));
+        let (v, g) = function(x);
+        last = (v, g);
         let square = g.norm_squared();
         if square < 1e-12 {
             return None;
@@ -223,7 +227,42 @@ fn distance_to_surface(cell: &Cell, q: Vec3) -> Option<f64> {
             break;
         }
     }
-    (cell.value(CellPoint(x)).abs() < 1e-6).then(|| (x - q).norm())
+    // One more look, where the steps ended.
+    let (v, _) = function(x);
+    (v.abs() < 1e-6 * last.1.norm().max(1.0)).then(|| (x - q).norm())
+}
+
+/// The distance of a point to a surface by Newton's steps, or to the nearest of known points of it and
+/// their images where the steps may have gone to a farther sheet.
+fn distance_or_nearest(
+    function: &impl Fn(Vec3) -> (f64, Vec3),
+    q: Vec3,
+    known: &[Vec3],
+    operators: &[Mat3],
+) -> f64 {
+    let nearest = || {
+        // The images of the point stand for those of the surface.
+        let images = operators.iter().map(|m| m * q);
+        images
+            .flat_map(|q| known.iter().map(move |p| (p - q).norm_squared()))
+            .fold(f64::INFINITY, f64::min)
+            .sqrt()
+    };
+    match distance_to_surface(function, q) {
+        Some(d) if d < 0.02 => d,
+        found => found.unwrap_or(f64::INFINITY).min(nearest()),
+    }
+}
+
+/// Value and gradient of the target by differences.
+fn slope_of(target: &Target, x: Vec3) -> (f64, Vec3) {
+    const STEP: f64 = 1e-5;
+    let at = |x: Vec3| target.value(CellPoint(x));
+    let gradient = Vec3::from_fn(|a, _| {
+        let step = Vec3::ith(a, STEP);
+        (at(x + step) - at(x - step)) / (2.0 * STEP)
+    });
+    (at(x), gradient)
 }
 
 /// Sampled one-sided distances; `None` if either has no surface.
@@ -244,7 +283,13 @@ fn hausdorff(
     }
     let cell_to_source = own
         .par_iter()
-        .map(|p| target.value(CellPoint(*p)).abs())
+        .map(|p| {
+            if extra.inexact {
+                distance_or_nearest(&|x| slope_of(target, x), *p, &theirs, cell.operators())
+            } else {
+                target.value(CellPoint(*p)).abs()
+            }
+        })
         .reduce(|| 0.0, f64::max);
     let stride = extra.points.len().div_ceil(MOST_POINTS).max(1);
     let mut points = theirs;
@@ -252,23 +297,10 @@ fn hausdorff(
     if target.symmetric {
         points.extend(extra.points.iter().step_by(stride));
     }
+    let function = |x: Vec3| cell.value_and_gradient(CellPoint(x));
     let source_to_cell = points
         .par_iter()
-        .map(|&q| {
-            let nearest = || {
-                // The images of the point stand for those of the surface.
-                let images = cell.operators().iter().map(|m| m * q);
-                images
-                    .flat_map(|q| own.iter().map(move |p| (p - q).norm_squared()))
-                    .fold(f64::INFINITY, f64::min)
-                    .sqrt()
-            };
-            match distance_to_surface(cell, q) {
-                Some(d) if d < 0.02 => d,
-                // The steps may have gone to a farther sheet.
-                found => found.unwrap_or(f64::INFINITY).min(nearest()),
-            }
-        })
+        .map(|&q| distance_or_nearest(&function, q, &own, cell.operators()))
         .reduce(|| 0.0, f64::max);
     Some(Hausdorff {
         cell_to_source,

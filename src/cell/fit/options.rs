@@ -53,6 +53,18 @@ pub enum Solver {
     Iterative,
 }
 
+/// What is done to the spectrum of samples: it calms the waves beside steep places, of voxels that are
+/// solid or void above all, and rounds edges.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Filter {
+    /// Nothing: best for distances.
+    #[default]
+    None,
+    /// Lanczos' factors sinc(k/(h + 1)) for every index k, h the greatest that the samples tell; of
+    /// lattices that are not square or cubic those of the length of the frequency.
+    Lanczos,
+}
+
 /// How a cell is fitted.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FitOptions {
@@ -71,6 +83,8 @@ pub struct FitOptions {
     /// Least number of samples along an edge of the element's cube; more are taken where the
     /// unknowns ask for them.
     pub samples: usize,
+    /// What is done to the spectrum of a transform; least squares do not regard it.
+    pub filter: Filter,
     /// How the least squares are solved.
     pub solver: Solver,
     /// How many real coefficients are kept, the largest ones; least squares are solved again for them.
@@ -95,6 +109,7 @@ impl Default for FitOptions {
             lattice: None,
             regularisation: None,
             samples: 32,
+            filter: Filter::None,
             solver: Solver::Auto,
             keep: None,
             face_normal: false,

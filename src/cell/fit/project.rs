@@ -9,6 +9,7 @@ use super::transform::{Spectrum, Transform};
 use crate::symmetry::{Frequency, Lattice, PointGroup};
 use rayon::prelude::*;
 use rustfft::num_complex::Complex64;
+use std::f64::consts::PI;
 
 /// Representatives and coefficients of every orbit pair with |f| <= `radius` (all, without one).
 fn project<const D: usize>(
@@ -22,17 +23,22 @@ fn project<const D: usize>(
     let operators = group.operators();
     // The mean over the operators, or nothing unless k is the greatest of its orbit pair.
     let coefficient = |k: Frequency<D>| -> Option<[f64; 2]> {
-        if radius.is_some_and(|r| lattice.frequency_norm(k) > r + 1e-9) {
-            return None;
-        }
         let opposite = k.map(|c| -c);
-        let (mut sum, mut paired) = (Complex64::default(), false);
+        let mut paired = false;
         for op in operators {
             let image = op.apply_to_frequency(k);
             if image > k || image < opposite || image.iter().any(|c| c.abs() > h) {
                 return None;
             }
             paired |= image == opposite;
+        }
+        if radius.is_some_and(|r| lattice.frequency_norm(k) > r + 1e-9) {
+            return None;
+        }
+        // Only now is the spectrum read, whose values lie far apart.
+        let mut sum = Complex64::default();
+        for op in operators {
+            let image = op.apply_to_frequency(k);
             let odd = image.iter().sum::<i32>().rem_euclid(2) == 1;
             let value = spectrum.plain(image);
             sum += if odd { -value } else { value };
@@ -62,6 +68,37 @@ fn project<const D: usize>(
         })
         .collect();
     slabs.concat()
+}
+
+/// Multiplies coefficients by Lanczos' sigma factors for `n` samples an axis (see [`Filter::Lanczos`]),
+/// which are the same for all of an orbit.
+///
+/// [`Filter::Lanczos`]: crate::cell::Filter::Lanczos
+pub fn lanczos<const D: usize>(
+    lattice: &Lattice<D>,
+    n: usize,
+    terms: &mut [(Frequency<D>, [f64; 2])],
+) {
+    let sinc = |x: f64| {
+        if x == 0.0 {
+            1.0
+        } else {
+            (PI * x).sin() / (PI * x)
+        }
+    };
+    let end = (n.max(1) - 1) as f64 / 2.0;
+    let end = end.floor() + 1.0;
+    let plain = matches!(lattice.name(), Some("square" | "cubic"));
+    let longest = (0..D).map(|a| lattice.columns().column(a).norm());
+    let longest = longest.fold(0.0, f64::max);
+    for (k, c) in terms {
+        let factor: f64 = if plain {
+            k.iter().map(|k| sinc(f64::from(*k) / end)).product()
+        } else {
+            sinc((lattice.frequency_norm(*k) * longest / end).min(1.0))
+        };
+        *c = c.map(|v| v * factor);
+    }
 }
 
 /// Coefficients C of the symmetric part of samples over the period cell: the plain FFT fit.

@@ -8,8 +8,8 @@ use super::grid::{grid_samples, grid_size};
 use super::iterative::conjugate_gradients;
 use super::sampling::{Images, Place, Quality, Target, parts, places, sample};
 use super::solve::{NormalEquations, Sample};
-use super::{Distance, Extra, FitError, FitOptions, Method, Symmetrise, accuracy, project};
-use crate::cell::{Cell, Form, Series, symmetry};
+use super::{Distance, Extra, Filter, FitError, FitOptions, Method, Symmetrise, accuracy, project};
+use crate::cell::{Cell, CellError, Form, Series, symmetry};
 use crate::frame::{CellPoint, Element, Vec3};
 use crate::progress::{Cancelled, Progress};
 use crate::symmetry::{Basis, Frequency, Lattice};
@@ -186,6 +186,19 @@ impl Job<'_> {
         Ok((values, quality))
     }
 
+    /// The places of the flags' parts with their weights, and the target there.
+    fn sampled<const D: usize>(
+        &self,
+        basis: &Basis<D>,
+        domain: &Domain,
+        target: &mut Target,
+    ) -> Result<(Vec<Place>, Vec<f64>, Quality), FitError> {
+        let parts = parts(self.element, domain, basis.len(), self.options.samples);
+        let (places, interior) = places(self.element, domain, parts, self.options.weights());
+        let (values, quality) = self.values(basis, target, &places, interior)?;
+        Ok((places, values, quality))
+    }
+
     fn least_squares<const D: usize>(
         &self,
         basis: &Basis<D>,
@@ -194,17 +207,25 @@ impl Job<'_> {
         constraint: Option<&Constraint>,
     ) -> Result<Found, FitError> {
         let options = self.options;
+        if options.filter != Filter::None {
+            return Err(FitError::Cell(CellError::Unfitting {
+                element: self.element.name(),
+                what: "filter",
+                found: "lanczos".to_owned(),
+                expected: "none with method lsq: it is for the spectrum of method fft".to_owned(),
+            }));
+        }
         if options.iterative(self.element, basis.len()) {
             return self.iterative(basis, target, constraint);
         }
-        let parts = parts(self.element, domain, basis.len(), options.samples);
-        let (places, interior) = places(self.element, domain, parts, options.weights());
-        let (values, quality) = self.values(basis, target, &places, interior)?;
+        let (places, values, quality) = self.sampled(basis, domain, target)?;
         let samples: Vec<Sample<D>> = places
             .iter()
             .zip(values)
             .map(|(&(point, weight), value)| Sample {
-                point: CellPoint(SVector::from_fn(|a, _| if a < 3 { point.0[a] } else { 0.0 })),
+                point: CellPoint(SVector::from_fn(
+                    |a, _| if a < 3 { point.0[a] } else { 0.0 },
+                )),
                 value,
                 weight,
             })
@@ -289,10 +310,8 @@ impl Job<'_> {
         let options = self.options;
         let lattice = basis.lattice();
         let needed = needed_samples(lattice, options.band_limit);
-        let parts = parts(self.element, domain, basis.len(), options.samples);
-        let (places, interior) = places(self.element, domain, parts, options.weights());
-        let (_, quality) = self.values(basis, target, &places, interior)?;
-        let coefficients = if let Some((samples, n)) = self.extra.period {
+        let (_, _, quality) = self.sampled(basis, domain, target)?;
+        let (mut coefficients, n) = if let Some((samples, n)) = self.extra.period {
             if n < needed {
                 return Err(FitError::TooFewSamples {
                     samples: n,
@@ -303,7 +322,8 @@ impl Job<'_> {
             }
             self.progress.stage("fit: transform", None);
             let radius = Some(options.band_limit);
-            project::fourier_coefficients(basis.group(), lattice, samples, n, radius)
+            let found = project::fourier_coefficients(basis.group(), lattice, samples, n, radius);
+            (found, n)
         } else {
             let extension = Extension::of(
                 self.element,
@@ -316,8 +336,12 @@ impl Job<'_> {
             let samples = self.period(target, extension, lattice, n)?;
             self.progress.stage("fit: transform", None);
             let radius = Some(options.band_limit);
-            project::fourier_coefficients(basis.group(), lattice, &samples, n, radius)
+            let found = project::fourier_coefficients(basis.group(), lattice, &samples, n, radius);
+            (found, n)
         };
+        if options.filter == Filter::Lanczos {
+            project::lanczos(lattice, n, &mut coefficients);
+        }
         let mut real = real_coefficients(basis, coefficients);
         let mut constraint = constraint.cloned();
         if let Some(kept) = largest(basis, &real, options.keep) {

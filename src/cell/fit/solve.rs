@@ -5,8 +5,8 @@ use super::super::wave::Phasors;
 use super::FitError;
 use crate::frame::CellPoint;
 use crate::progress::{Cancelled, Progress};
-use crate::symmetry::Basis;
-use nalgebra::{Cholesky, DMatrix, DVector};
+use crate::symmetry::{Basis, Frequency};
+use nalgebra::{Cholesky, DMatrix, DMatrixViewMut, DVector, Dyn};
 use rayon::prelude::*;
 use std::f64::consts::SQRT_2;
 
@@ -26,34 +26,64 @@ const PANEL: usize = 512;
 /// Columns of the normal matrix that one task updates.
 const BLOCK: usize = 64;
 
-/// The values of every basis function at a point.
-fn design_row<const D: usize>(
-    basis: &Basis<D>,
+/// The waves of a basis in the order in which their phasors are cheap: along the last axis side by
+/// side.
+struct Design<const D: usize> {
+    /// Index of a wave, the column of its function, and whether there is one more beside it.
+    waves: Vec<(Frequency<D>, usize, bool)>,
     bounds: [i32; D],
-    p: CellPoint<D>,
-    row: &mut [f64],
-) {
-    let u = basis.lattice().inverse() * p.0;
-    let tables: [Phasors; D] = std::array::from_fn(|a| Phasors::new(u[a], bounds[a]));
-    let mut column = 0;
-    for h in basis.harmonics() {
-        let (mut re, mut im) = (0.0, 0.0);
-        for k in &h.orbit.members {
-            let mut w = tables[0].get(k[0]);
-            for a in 1..D {
-                let c = tables[a].get(k[a]);
-                w = (w.0 * c.0 - w.1 * c.1, w.0 * c.1 + w.1 * c.0);
+    /// Factor of each column.
+    factors: Vec<f64>,
+}
+
+impl<const D: usize> Design<D> {
+    fn new(basis: &Basis<D>) -> Self {
+        let mut waves = Vec::new();
+        let mut factors = Vec::with_capacity(basis.len());
+        for h in basis.harmonics() {
+            let (column, pair) = (factors.len(), !h.self_paired);
+            waves.extend(h.orbit.members.iter().map(|k| (*k, column, pair)));
+            if pair {
+                factors.extend([SQRT_2 * h.scale; 2]);
+            } else {
+                factors.push(h.scale);
             }
-            re += w.0;
-            im += w.1;
         }
-        if h.self_paired {
-            row[column] = re * h.scale;
-        } else {
-            row[column] = SQRT_2 * re * h.scale;
-            row[column + 1] = SQRT_2 * im * h.scale;
+        waves.sort_unstable_by_key(|w| w.0);
+        let bounds = waves.iter().fold([0; D], |b, (k, ..)| {
+            std::array::from_fn(|a| b[a].max(k[a].abs()))
+        });
+        Self {
+            waves,
+            bounds,
+            factors,
         }
-        column += h.functions();
+    }
+
+    /// The values of every basis function at a point with lattice coordinates `u`.
+    fn row(&self, u: [f64; D], row: &mut [f64]) {
+        let tables: [Phasors; D] = std::array::from_fn(|a| Phasors::new(u[a], self.bounds[a]));
+        let product = |a: (f64, f64), b: (f64, f64)| (a.0 * b.0 - a.1 * b.1, a.0 * b.1 + a.1 * b.0);
+        row.fill(0.0);
+        let mut at: Option<Frequency<D>> = None;
+        let mut leading = (1.0, 0.0);
+        for &(k, column, pair) in &self.waves {
+            if at.is_none_or(|old| old[..D - 1] != k[..D - 1]) {
+                leading = tables[0].get(k[0]);
+                for a in 1..D - 1 {
+                    leading = product(leading, tables[a].get(k[a]));
+                }
+                at = Some(k);
+            }
+            let wave = product(leading, tables[D - 1].get(k[D - 1]));
+            row[column] += wave.0;
+            if pair {
+                row[column + 1] += wave.1;
+            }
+        }
+        for (value, factor) in row.iter_mut().zip(&self.factors) {
+            *value *= factor;
+        }
     }
 }
 
@@ -75,11 +105,7 @@ impl NormalEquations {
         progress: &dyn Progress,
     ) -> Result<Self, FitError> {
         let n = basis.len();
-        let bounds = basis
-            .harmonics()
-            .iter()
-            .flat_map(|h| &h.orbit.members)
-            .fold([0; D], |b, k| std::array::from_fn(|a| b[a].max(k[a].abs())));
+        let waves = Design::new(basis);
         // Column blocks of the lower triangle: columns from..to, rows from..n.
         let mut blocks: Vec<(usize, DMatrix<f64>)> = (0..n)
             .step_by(BLOCK)
@@ -97,7 +123,8 @@ impl NormalEquations {
                 .par_chunks_mut(n)
                 .zip(panel)
                 .for_each(|(row, s)| {
-                    design_row(basis, bounds, s.point, row);
+                    let u = basis.lattice().inverse() * s.point.0;
+                    waves.row(std::array::from_fn(|a| u[a]), row);
                     let w = s.weight.sqrt();
                     for v in row {
                         *v *= w;
@@ -175,10 +202,9 @@ impl NormalEquations {
             matrix.fill_upper_triangle_with_lower_triangle();
             let mut right = self.right.clone();
             confine(&mut matrix, &mut right, span, largest);
-            Cholesky::new(matrix).map(|c| c.solve(&right))
+            factorised(matrix).map(|c| c.solve(&right))
         } else {
-            // Only the lower triangle is read.
-            Cholesky::new(self.matrix.clone()).map(|c| c.solve(&self.right))
+            factorised(self.matrix.clone()).map(|c| c.solve(&self.right))
         };
         match solution {
             Some(a) if a.iter().all(|v| v.is_finite()) => {
@@ -195,6 +221,47 @@ impl NormalEquations {
             }),
         }
     }
+}
+
+/// The Cholesky factor of a matrix of which only the lower triangle is read, by blocks of columns: a
+/// block's own factor, the rows below it, and then what they take from the columns that follow, which
+/// is nearly all of the work and goes by products of matrices on all threads.
+fn factorised(mut matrix: DMatrix<f64>) -> Option<Cholesky<f64, Dyn>> {
+    let n = matrix.nrows();
+    for from in (0..n).step_by(BLOCK) {
+        let width = BLOCK.min(n - from);
+        let below = from + width;
+        let own = Cholesky::new(matrix.view((from, from), (width, width)).into_owned())?.unpack();
+        matrix
+            .view_mut((from, from), (width, width))
+            .copy_from(&own);
+        if below == n {
+            break;
+        }
+        // X L^T = A, that is L X^T = A^T.
+        let mut rows = matrix.view((below, from), (n - below, width)).transpose();
+        if !own.solve_lower_triangular_mut(&mut rows) {
+            return None;
+        }
+        let panel = rows.transpose();
+        matrix
+            .view_mut((below, from), (n - below, width))
+            .copy_from(&panel);
+        let (_, rest) = matrix.as_mut_slice().split_at_mut(below * n);
+        rest.par_chunks_mut(n * BLOCK)
+            .enumerate()
+            .for_each(|(number, columns)| {
+                let first = number * BLOCK;
+                let count = columns.len() / n;
+                let mut target = DMatrixViewMut::from_slice(columns, n, count);
+                let mut target = target.view_mut((below + first, 0), (n - below - first, count));
+                let left = panel.rows(first, n - below - first);
+                let right = rows.columns(first, count);
+                target.gemm(-1.0, &left, &right, 1.0);
+            });
+    }
+    // The factor is taken as it is; above its diagonal nothing is read.
+    Some(Cholesky::pack_dirty(matrix))
 }
 
 /// Confines a quadratic form H, b to the complement of V's columns: P H P + s V V^T and P b with

@@ -29,6 +29,7 @@ pub fn fit_source(
         points: source.surface_points().to_vec(),
         source: Some(source.report()),
         period: None,
+        inexact: !source.is_exact(),
     };
     fit_with(
         name,

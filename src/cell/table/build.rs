@@ -1,9 +1,9 @@
 //! Coefficients of a table from the spectrum of a series, and the error it makes.
 
 use super::super::form::Node;
+use super::super::icosahedral::Products;
 use super::super::pairing::embedded;
 use super::super::{CellError, Series};
-use super::super::icosahedral::Products;
 use super::spline::Grid;
 use super::window;
 use crate::frame::Mat3;
@@ -215,7 +215,7 @@ impl Spectrum {
     /// Padded coefficients of the spline that interpolates the series.
     pub fn coefficients(&self, grid: &Grid) -> Vec<f32> {
         let [nx, ny, nz] = grid.samples;
-        let mut values = match &self.sampled {
+        let values = match &self.sampled {
             Some(products) => window::coefficients(products, grid),
             None => self.transformed(grid),
         };
