@@ -56,10 +56,13 @@ fn fused<const WIDE: bool>(a: f32, b: f32, c: f32) -> f32 {
 /// The sum of four rows times their weights.
 #[inline(always)]
 fn mixed<const WIDE: bool>(weights: Row, rows: &[Row; 4]) -> Row {
-    let mut sum = rows[0].map(|v| v * weights[0]);
-    for (weight, row) in weights[1..].iter().zip(&rows[1..]) {
+    let mut sum = [0.0; 4];
+    for l in 0..4 {
+        sum[l] = rows[0][l] * weights[0];
+    }
+    for y in 1..4 {
         for l in 0..4 {
-            sum[l] = fused::<WIDE>(*weight, row[l], sum[l]);
+            sum[l] = fused::<WIDE>(weights[y], rows[y][l], sum[l]);
         }
     }
     sum
@@ -174,19 +177,24 @@ impl Spline {
     /// The four rows along y of one plane of a spline cell.
     #[inline(always)]
     fn plane(&self, from: &[f32], x: usize) -> [Row; 4] {
-        std::array::from_fn(|y| {
+        let mut rows = [[0.0; 4]; 4];
+        for (y, row) in rows.iter_mut().enumerate() {
             let at = x * self.strides[0] + y * self.strides[1];
-            let row = &from[at..at + 4];
-            [row[0], row[1], row[2], row[3]]
-        })
+            row.copy_from_slice(&from[at..at + 4]);
+        }
+        rows
     }
 
     #[inline(always)]
     fn value_by<const WIDE: bool>(&self, x: [f64; 3]) -> f32 {
         let (from, t) = self.place::<WIDE>(x);
         let (wx, wy, wz) = (weights(t[0]), weights(t[1]), weights(t[2]));
-        // Planes by themselves, so that no long chain of sums is waited for.
-        let planes: [Row; 4] = std::array::from_fn(|i| mixed::<WIDE>(wy, &self.plane(from, i)));
+        // Planes by themselves, so that no long chain of sums is waited for. No closures: they would be
+        // compiled for any processor.
+        let mut planes = [[0.0; 4]; 4];
+        for (i, plane) in planes.iter_mut().enumerate() {
+            *plane = mixed::<WIDE>(wy, &self.plane(from, i));
+        }
         dot(mixed::<WIDE>(wx, &planes), wz)
     }
 
