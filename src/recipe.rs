@@ -43,6 +43,7 @@ pub use brief::{Brief, Short};
 pub use cell::{Caps, CellSection, ElementName, Place as CellPlace, Solid};
 
 pub use crystal::{CrystalFrame, CrystalRef, CrystalSection, SurfaceRef};
+#[cfg(feature = "vdb")]
 pub(crate) use error::nearest;
 pub use error::{Place, RecipeError, RecipeFault};
 pub use file::{FileFrame, FileRef, Similarity, Up};

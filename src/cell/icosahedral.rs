@@ -34,7 +34,7 @@ pub(super) struct Products {
 /// A series over the icosahedral module.
 #[derive(Debug)]
 pub struct Icosahedral {
-    series: Series<6>,
+    series: Box<Series<6>>,
     products: Arc<Products>,
 }
 
@@ -42,6 +42,7 @@ impl From<Series<6>> for Icosahedral {
     /// The series must have the group Ih, as cells make sure.
     fn from(series: Series<6>) -> Self {
         let products = Arc::new(Products::new(&series));
+        let series = Box::new(series);
         Self { series, products }
     }
 }

@@ -104,7 +104,7 @@ impl Waves {
             let leading: [i32; LEADING] = std::array::from_fn(|a| k[a]);
             match waves.runs.last_mut() {
                 Some(r) if r.leading == leading && r.from + r.len as i32 == k[LEADING] => {
-                    r.len += 1
+                    r.len += 1;
                 }
                 _ => waves.runs.push(Run {
                     leading,

@@ -89,7 +89,7 @@ pub fn own_element(
         return Ok(element);
     }
     if let Some(file) = &section.file {
-        return Ok(crate::io::read_cell(&resolve(&file.path))?.element());
+        return Ok(crate::io::read_cell(resolve(&file.path))?.element());
     }
     let surface = section.surface.as_deref().and_then(Surface::from_name);
     Ok(surface.map_or(Element::Hex, Surface::element))

@@ -48,7 +48,7 @@ fn icosahedral(number: usize) -> [f64; 6] {
         ];
         all[number].map(|c| c / (4.0 * (1.0 + t * t).sqrt()))
     };
-    let golden = (1.0 + 5f64.sqrt()) / 2.0;
+    let golden = f64::midpoint(1.0, 5f64.sqrt());
     let (own, conjugate) = (axis(golden), axis(-golden.recip()));
     std::array::from_fn(|i| if i < 3 { own[i] } else { conjugate[i - 3] })
 }

@@ -41,6 +41,8 @@ pub(super) struct Spline {
     coefficients: Vec<f32>,
     inverse_periods: [f64; 3],
     per_unit: [f32; 3],
+    /// Samples along each axis.
+    counts: [f64; 3],
     /// Offsets of the rows of a spline cell along x and along y from its first coefficient.
     strides: [usize; 2],
     #[cfg(target_arch = "x86_64")]
@@ -131,6 +133,7 @@ impl Spline {
             coefficients,
             inverse_periods: grid.periods.map(f64::recip),
             per_unit: grid.per_unit().map(|c| c as f32),
+            counts: grid.samples.map(|n| n as f64),
             strides: [sy * sz, sz],
             #[cfg(target_arch = "x86_64")]
             wide: V3::try_new(),
@@ -156,7 +159,7 @@ impl Spline {
             fraction + f64::from(u8::from(fraction < 0.0))
         };
         let samples = self.grid.samples[axis];
-        let w = turn * samples as f64;
+        let w = turn * self.counts[axis];
         let cell = (w as i32 as usize).min(samples - 1);
         (cell, (w - cell as i32 as f64) as f32)
     }
@@ -170,16 +173,17 @@ impl Spline {
             self.along::<WIDE>(x[2], 2),
         ];
         let at = i * self.strides[0] + j * self.strides[1] + k;
-        let end = at + 3 * (self.strides[0] + self.strides[1]) + 4;
-        (&self.coefficients[at..end], [a, b, c])
+        (&self.coefficients[at..], [a, b, c])
     }
 
     /// The four rows along y of one plane of a spline cell.
     #[inline(always)]
     fn plane(&self, from: &[f32], x: usize) -> [Row; 4] {
+        // The last row that there is bounds the place: one comparison, and no way to fail.
+        let last = from.len() - 4;
         let mut rows = [[0.0; 4]; 4];
         for (y, row) in rows.iter_mut().enumerate() {
-            let at = x * self.strides[0] + y * self.strides[1];
+            let at = (x * self.strides[0] + y * self.strides[1]).min(last);
             row.copy_from_slice(&from[at..at + 4]);
         }
         rows

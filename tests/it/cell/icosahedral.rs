@@ -54,7 +54,7 @@ fn the_group_keeps_the_icosahedron_and_no_lattice_in_space() {
         assert!(operators.iter().any(|p| (p - square).norm() < 1e-9));
     }
     // Rotations by 72 degrees have the golden ratio as trace.
-    let golden = (1.0 + 5f64.sqrt()) / 2.0;
+    let golden = f64::midpoint(1.0, 5f64.sqrt());
     let fifth = operators
         .iter()
         .filter(|q| (q.trace() - golden).abs() < 1e-9);
@@ -69,7 +69,7 @@ fn the_group_keeps_the_icosahedron_and_no_lattice_in_space() {
 #[test]
 fn every_orbit_has_one_member_in_the_stated_chamber() {
     let (group, lattice) = symmetry();
-    let golden = (1.0 + 5f64.sqrt()) / 2.0;
+    let golden = f64::midpoint(1.0, 5f64.sqrt());
     for orbit in group.orbits(&lattice, 7.0) {
         let in_chamber = orbit.members.iter().filter(|k| {
             let f = lattice.frequency(**k);

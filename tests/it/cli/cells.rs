@@ -1,6 +1,7 @@
 //! Cells from the command line: every kind of input, every way to be wrong, cells that stand alone.
 
 use super::{Place, json, refuse, text};
+use std::fmt::Write;
 
 /// Struts along the axes of order 5 of the icosahedron.
 const STAR: &str = "nodes = [[0,0,0],[0,0.26,0.42068884],[0,-0.26,-0.42068884],[0,-0.26,0.42068884],\
@@ -14,7 +15,7 @@ fn stl(triangles: &[[[f64; 3]; 3]]) -> String {
     for t in triangles {
         text += "facet normal 0 0 0\nouter loop\n";
         for [x, y, z] in t {
-            text += &format!("vertex {x} {y} {z}\n");
+            let _ = writeln!(text, "vertex {x} {y} {z}");
         }
         text += "endloop\nendfacet\n";
     }
@@ -296,7 +297,7 @@ fn icosahedral_cells_stand_alone() {
     let info = json(&place.run(&["cell", "info", "star.cell", "--json"]));
     assert_eq!(info["volume_fraction"], facts["volume_fraction"]);
     // Values at a point and at its image under a turn of 72 degrees about (0, 1, t).
-    let t = (1.0 + 5f64.sqrt()) / 2.0;
+    let t = f64::midpoint(1.0, 5f64.sqrt());
     let axis = nalgebra::Unit::new_normalize(nalgebra::Vector3::new(0.0, 1.0, t));
     let turn = nalgebra::Rotation3::from_axis_angle(&axis, std::f64::consts::TAU / 5.0);
     let p = nalgebra::Vector3::new(0.11, 0.23, -0.07);
@@ -339,8 +340,8 @@ fn icosahedral_cells_stand_alone() {
     assert!((volume / wanted - 1.0).abs() < 0.03, "{volume} {wanted}");
     let middle: Vec<f64> = (0..3)
         .map(|a| {
-            let end = |key: &str| report["solid"]["bounds"][key][a].as_f64().unwrap();
-            f64::midpoint(end("min"), end("max"))
+            let end = |side: usize| report["solid"]["box"][side][a].as_f64().unwrap();
+            f64::midpoint(end(0), end(1))
         })
         .collect();
     assert!(
