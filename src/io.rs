@@ -34,6 +34,7 @@ mod polymesh;
 mod scaffold;
 mod source;
 mod stl;
+mod table;
 mod threemf;
 mod tokens;
 mod vtk;
@@ -51,4 +52,5 @@ pub use scaffold::{
     read_elements, read_scaffold,
 };
 pub use source::{Source, quote};
+pub use table::read_columns;
 pub use vtk::write_vtu;

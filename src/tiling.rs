@@ -32,7 +32,9 @@ mod blend;
 mod bound;
 mod certificate;
 mod clamp;
+mod control;
 mod corners;
+mod distribution;
 mod exact;
 mod fill;
 mod near;
@@ -45,7 +47,7 @@ mod source;
 
 pub use blend::{Blend, Member};
 pub use certificate::{Certificate, FaceStatistics, Seam, certify};
-pub use corners::Interpolation;
+pub use distribution::Interpolation;
 pub use path::{PathCheck, check_path};
 pub use source::{CellField, Filling, fills};
 
@@ -122,7 +124,7 @@ pub enum TilingError {
         sum: f64,
     },
     /// Too few or too many weights.
-    #[error("{found} weights; expected {expected}, one for each cell at each node")]
+    #[error("{found} weights; expected {expected}, one for each of at most 8 cells at each place")]
     WeightCount {
         /// How many there are.
         found: usize,

@@ -37,6 +37,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
     let points = super::points::read(&p.points, false)?;
     let options = RunOptions {
         threads: p.threads,
+        isolated: Some(super::vdb::reader()?),
         ..RunOptions::default()
     };
     let probe = Probe::new(&recipe, &options, session)?;

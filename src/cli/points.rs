@@ -19,15 +19,14 @@ pub(super) fn read(path: &Path, planar: bool) -> Result<Vec<[f64; 3]>, Failure> 
         std::fs::File::open(path).and_then(|mut file| file.read_to_end(&mut bytes))
     };
     read.map_err(|e| ReadError::io(path, e))?;
-    let points = match path.extension().and_then(|e| e.to_str()) {
-        Some("csv") => csv(path, &bytes, planar)?,
-        _ if standard_input => csv(path, &bytes, planar)?,
+    match path.extension().and_then(|e| e.to_str()) {
+        Some("csv") => Ok(csv(path, &bytes, planar)?),
+        _ if standard_input => Ok(csv(path, &bytes, planar)?),
         _ => {
             let message = "found another extension; expected points as .csv or .npy";
-            return Err(Failure::data(path, message));
+            Err(Failure::data(path, message))
         }
-    };
-    finite(path, points)
+    }
 }
 
 fn finite(path: &Path, points: Vec<[f64; 3]>) -> Result<Vec<[f64; 3]>, Failure> {
@@ -44,46 +43,14 @@ fn finite(path: &Path, points: Vec<[f64; 3]>) -> Result<Vec<[f64; 3]>, Failure> 
 
 fn csv(path: &Path, bytes: &[u8], planar: bool) -> Result<Vec<[f64; 3]>, ReadError> {
     let text = String::from_utf8_lossy(bytes);
-    let mut lines = text.lines().enumerate();
-    let header = lines.next().map_or("", |(_, l)| l.trim());
-    let names: Vec<&str> = header.split(',').map(str::trim).collect();
-    let column = |name: &str| names.iter().position(|n| *n == name);
-    let z = if planar {
-        Some(None)
+    let names: &[&str] = if planar {
+        &["x", "y"]
     } else {
-        column("z").map(Some)
+        &["x", "y", "z"]
     };
-    let (Some(x), Some(y), Some(z)) = (column("x"), column("y"), z) else {
-        let found = crate::io::quote(header);
-        return Err(ReadError::data(
-            path,
-            Place::Line(1),
-            found,
-            if planar {
-                "a header with x,y"
-            } else {
-                "a header with x,y,z"
-            },
-        ));
-    };
-    let mut points = Vec::new();
-    for (n, line) in lines.filter(|(_, l)| !l.trim().is_empty()) {
-        let cells: Vec<&str> = line.split(',').map(str::trim).collect();
-        let number = |c: usize| cells.get(c).and_then(|t| t.parse::<f64>().ok());
-        let height = z.map_or(Some(0.0), number);
-        let point = number(x).zip(number(y)).zip(height);
-        let ((x, y), z) = point.ok_or_else(|| {
-            let place = Place::Line(n as u64 + 1);
-            ReadError::data(
-                path,
-                place,
-                crate::io::quote(line),
-                "a number for every coordinate",
-            )
-        })?;
-        points.push([x, y, z]);
-    }
-    Ok(points)
+    let rows = crate::io::read_columns(path, &text, names)?;
+    let point = |r: Vec<f64>| [r[0], r[1], r.get(2).copied().unwrap_or(0.0)];
+    Ok(rows.into_iter().map(point).collect())
 }
 
 fn npy(path: &Path, planar: bool) -> Result<Vec<[f64; 3]>, ReadError> {

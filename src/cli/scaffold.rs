@@ -84,7 +84,11 @@ fn certificate(
     session: &Session,
 ) -> Result<Answer, Failure> {
     let recipe = Recipe::read(path, set)?;
-    let probe = Probe::new(&recipe, &RunOptions::default(), session)?;
+    let options = RunOptions {
+        isolated: Some(super::vdb::reader()?),
+        ..RunOptions::default()
+    };
+    let probe = Probe::new(&recipe, &options, session)?;
     let found = probe.certificate(output)?;
     let mut text = String::new();
     for kind in &found.faces {

@@ -10,6 +10,8 @@
 //! | `sin cos tan asin acos atan sinh cosh tanh exp ln sqrt cbrt abs sign floor ceil round` | one argument, angles in radians |
 //! | `pow atan2 mod` | two: `atan2(y, x)`; `mod` has the sign of its second argument |
 //! | `step smoothstep mix clamp` | `step(edge, x)`, `smoothstep(from, to, x)`, `mix(a, b, t)`, `clamp(x, least, greatest)` |
+//! | `ramp` | `ramp(from, to, x)`: 0 before, 1 behind, linear between |
+//! | `noise` | `noise(x, y, z)`: smooth, between -1 and 1, features one unit apart, the same in every run |
 //! | `min max hypot` | two or more |
 //!
 //! A text becomes a short program over a stack once; a point costs some nanoseconds per operation.
@@ -22,6 +24,7 @@
 //! assert_eq!(f.value(&[3.0, 4.0, 2.0]), 4.1);
 //! ```
 
+mod noise;
 mod parse;
 
 /// Longest text, in bytes.

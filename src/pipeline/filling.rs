@@ -1,41 +1,45 @@
 //! What fills the scaffold of a recipe: its cells, their weights, their grading.
 
 use super::error::RunError;
+use super::grading::{interpolated, scales, shifts};
 use super::inputs::Inputs;
 use super::palette::{Entry, entry};
 use super::report::Warning;
 use super::scaffold::Loaded;
+use super::scatter::Scatter;
 use super::varying::{Setting, corner_nodes};
 use crate::cell::{Cell, Table};
 use crate::field::Field;
-use crate::frame::{CellPoint, Vec3};
+use crate::frame::{CellPoint, Vec3, WorldPoint};
 use crate::mesh::MeshSolid;
-use crate::recipe::{self, TilingSection, Varying};
-use crate::scaffold::Scaffold;
+use crate::recipe::{self, FieldRef, Outside, TilingSection, Varying};
 use crate::tiling::{
     Blend, CellField, Filling, Interpolation, Member, PathCheck, certify, check_path,
 };
 use crate::vdb::Session;
-
-/// Levels tabulated over a graded quantity.
-const GRADES: usize = 9;
+use rayon::prelude::*;
 
 /// Cells over a scaffold.
 pub(super) struct Fill {
     pub loaded: Loaded,
     pub palette: Vec<Entry>,
-    /// By node and cell; empty for one cell.
-    weights: Vec<f64>,
-    /// By node; empty for none.
-    grading: Vec<f64>,
     interpolation: Interpolation,
+    /// Where weights and grading are given.
+    places: Vec<Vec3>,
+    /// Which of them count: corners of elements, or places within the scaffold. What is said of the
+    /// others may be nonsense.
+    counts: Vec<bool>,
+    /// By place and cell; empty for one cell.
+    weights: Vec<f64>,
+    /// By place; empty for none.
+    grading: Vec<f64>,
     follow_volume: bool,
 }
 
 /// A filling as a run uses it: borrowed from the stock.
 pub(super) enum Filled<'a, C: CellField> {
     One(&'a C),
-    Many(Blend<'a, C>),
+    Many(Box<Blend<'a, C>>),
 }
 
 impl Fill {
@@ -54,11 +58,28 @@ impl Fill {
         let interpolation = match section.interpolation {
             recipe::Interpolation::Linear => Interpolation::Linear,
             recipe::Interpolation::Smoothstep => Interpolation::Smoothstep,
+            recipe::Interpolation::Smooth => Interpolation::Smooth,
+        };
+        let varies =
+            !section.transition.is_empty() || !section.assign.is_empty() || section.is_graded();
+        let places = if varies {
+            interpolation.places(&loaded.scaffold)
+        } else {
+            Vec::new()
+        };
+        let counts = match interpolation {
+            Interpolation::Smooth => places
+                .par_iter()
+                .map(|&p| loaded.scaffold.locate(WorldPoint(p)).is_some())
+                .collect(),
+            _ => corner_nodes(&loaded.scaffold),
         };
         let mut fill = Self {
+            interpolation,
+            places,
+            counts,
             weights: Vec::new(),
             grading: Vec::new(),
-            interpolation,
             follow_volume: section.follow_volume.unwrap_or(true),
             palette,
             loaded,
@@ -81,48 +102,95 @@ impl Fill {
         Ok(fill)
     }
 
-    /// Weights at the nodes from the shares' formulas and fields.
+    /// Values at the places. What is beyond the scaffold need not be defined: a field that does not
+    /// reach there counts as going on.
+    fn values(
+        &self,
+        inputs: &mut Inputs,
+        setting: &Setting,
+        varying: &Varying,
+    ) -> Result<Vec<f64>, RunError> {
+        match varying {
+            Varying::Field(field)
+                if field.outside == Outside::Error
+                    && self.interpolation == Interpolation::Smooth =>
+            {
+                setting.values(inputs, varying, self.loaded.scaffold.nodes())?;
+                let on = FieldRef {
+                    outside: Outside::Nearest,
+                    ..field.clone()
+                };
+                setting.values(inputs, &Varying::Field(on), &self.places)
+            }
+            _ => setting.values(inputs, varying, &self.places),
+        }
+    }
+
+    /// Values at the places from those at the nodes.
+    fn at_places(&self, values: Vec<f64>) -> Vec<f64> {
+        if self.interpolation != Interpolation::Smooth {
+            return values;
+        }
+        let scaffold = &self.loaded.scaffold;
+        let is_corner = corner_nodes(scaffold);
+        let corners = (0..values.len()).filter(|&n| is_corner[n]);
+        let (points, own): (Vec<Vec3>, Vec<f64>) =
+            corners.map(|n| (scaffold.nodes()[n], values[n])).unzip();
+        let scatter = Scatter::new(&points);
+        let mean = |p: &Vec3| scatter.mean(*p, &own).unwrap_or_default();
+        self.places.par_iter().map(mean).collect()
+    }
+
+    /// Weights at the places from the shares' formulas and fields.
     fn shares<'s>(
         &self,
         inputs: &mut Inputs,
         section: &TilingSection,
         setting: &dyn Fn(&str) -> Setting<'s>,
     ) -> Result<Vec<f64>, RunError> {
-        let nodes = self.loaded.scaffold.nodes();
-        let is_corner = corner_nodes(&self.loaded.scaffold);
         let count = self.palette.len();
-        let mut weights = vec![0.0; count * nodes.len()];
+        let mut weights = vec![0.0; count * self.places.len()];
         let mut negative: Option<(usize, f64)> = None;
         for (n, share) in section.transition.iter().enumerate() {
             let key = format!("tiling.transition.{n}.weight");
-            let values = setting(&key).values(inputs, &share.weight, nodes)?;
+            let values = self.values(inputs, &setting(&key), &share.weight)?;
             let place = self.palette.iter().position(|e| e.name == share.cell);
-            for (node, w) in values.into_iter().enumerate() {
-                if w < 0.0 && is_corner[node] && negative.is_none_or(|(_, least)| w < least) {
-                    negative = Some((node, w));
+            for (at, w) in values.into_iter().enumerate() {
+                if w < 0.0 && self.counts[at] && negative.is_none_or(|(_, least)| w < least) {
+                    negative = Some((at, w));
                 }
-                weights[node * count + place.unwrap_or(0)] += w.max(0.0);
+                weights[at * count + place.unwrap_or(0)] += w.max(0.0);
             }
         }
-        if let Some((node, w)) = negative {
-            let p = nodes[node];
+        if let Some((at, w)) = negative {
+            let p = self.places[at];
             let message = format!(
                 "tiling: the weight {w} at ({}, {}, {}) is negative and counts as 0",
                 p.x, p.y, p.z
             );
             inputs.warn(Warning::WEIGHTS, message)?;
         }
-        // Only corners count; mid nodes need no sum of their own.
-        for (node, own) in weights.chunks_exact_mut(count).enumerate() {
-            if !is_corner[node] && own.iter().sum::<f64>() <= 0.0 {
-                own[0] = 1.0;
+        // Only some places count; the others need no sum of their own.
+        let has_sum = |own: &[f64]| own.iter().sum::<f64>() > 0.0;
+        let (known, points): (Vec<usize>, Vec<Vec3>) = (0..self.places.len())
+            .filter(|&at| self.counts[at] && has_sum(&weights[at * count..][..count]))
+            .map(|at| (at, self.places[at]))
+            .unzip();
+        let scatter = Scatter::new(&points);
+        for at in (0..self.places.len()).filter(|&at| !self.counts[at]) {
+            if has_sum(&weights[at * count..][..count]) {
+                continue;
+            }
+            if let Some((near, _)) = scatter.near(self.places[at], 1).first() {
+                let from = known[*near as usize] * count;
+                weights.copy_within(from..from + count, at * count);
             }
         }
         Ok(weights)
     }
 
-    /// Weights at the nodes from one cell for each element: the mean of the elements around, by
-    /// volume.
+    /// Weights at the places from one cell for each element: at the nodes the mean of the elements
+    /// around, by volume.
     fn assigned<'s>(
         &self,
         section: &TilingSection,
@@ -158,7 +226,7 @@ impl Fill {
             }
         }
         let count = self.palette.len();
-        let mut weights = vec![0.0; count * scaffold.nodes().len()];
+        let mut weights = vec![vec![0.0; scaffold.nodes().len()]; count];
         for e in scaffold.elements() {
             let Some(cell) = of[e.index()] else {
                 return Err(RunError::Tiling(format!(
@@ -169,7 +237,26 @@ impl Fill {
             };
             let volume = e.volume().abs();
             for &n in e.nodes() {
-                weights[n as usize * count + cell] += volume;
+                weights[cell][n as usize] += volume;
+            }
+        }
+        for node in 0..scaffold.nodes().len() {
+            let sum: f64 = weights.iter().map(|w| w[node]).sum();
+            for own in &mut weights {
+                own[node] /= sum.max(f64::MIN_POSITIVE);
+            }
+        }
+        // A node that no element uses has no weights.
+        let by_cell: Vec<Vec<f64>> = weights.into_iter().map(|w| self.at_places(w)).collect();
+        let mut weights = vec![0.0; count * self.places.len()];
+        for (cell, own) in by_cell.into_iter().enumerate() {
+            for (at, w) in own.into_iter().enumerate() {
+                weights[at * count + cell] = w;
+            }
+        }
+        for own in weights.chunks_exact_mut(count) {
+            if own.iter().sum::<f64>() <= 0.0 {
+                own[0] = 1.0;
             }
         }
         Ok(weights)
@@ -192,7 +279,7 @@ impl Fill {
         })
     }
 
-    /// Turns a graded level, volume fraction or thickness into shifts at the nodes.
+    /// Turns a graded level, volume fraction or thickness into shifts at the places.
     fn grade<'s>(
         &mut self,
         inputs: &mut Inputs,
@@ -210,15 +297,16 @@ impl Fill {
             } => ("tiling.thickness", v),
             _ => return Ok(()),
         };
-        let scaffold = &self.loaded.scaffold;
-        let mut values = setting(key).values(inputs, varying, scaffold.nodes())?;
+        let mut values = self.values(inputs, &setting(key), varying)?;
         if key == "tiling.thickness" {
             // In reference lengths: over the scale that is continuous whatever the elements' sizes.
-            for (v, s) in values.iter_mut().zip(scales(scaffold)) {
+            let shape = self.palette[0].cells[0].element();
+            let scales = self.at_places(scales(&self.loaded.scaffold, shape));
+            for (v, s) in values.iter_mut().zip(scales) {
                 *v /= s;
             }
         }
-        let is_corner = corner_nodes(scaffold);
+        let smooth = self.interpolation == Interpolation::Smooth;
         let count = self.palette.len();
         let mut grading = vec![0.0; values.len()];
         for (c, entry) in self.palette.iter().enumerate() {
@@ -230,7 +318,7 @@ impl Fill {
                 }
                 None => 1.0,
             };
-            let used = (0..values.len()).filter(|&n| is_corner[n] && weight(n) > 0.0);
+            let used = (0..values.len()).filter(|&n| (smooth || self.counts[n]) && weight(n) > 0.0);
             let used: Vec<usize> = used.collect();
             let own = used.iter().map(|&n| values[n]);
             let range = own.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| {
@@ -253,23 +341,42 @@ impl Fill {
         let blend = self.blend(|e| e.tables.iter().collect())?;
         let shape = self.loaded.scaffold.shapes()[0];
         let count = self.palette.len();
-        let broken = |i: usize, j: usize| -> Option<f64> {
-            let operators = self.palette[i].cells[0].operators();
-            match check_path(&blend, shape, operators, i, j) {
-                PathCheck::Connected => None,
-                PathCheck::Broken { weight } => Some(weight),
+        // For i < j the weight of j at which the solid is not connected.
+        let mut breaks = vec![vec![None; count]; count];
+        for i in 0..count {
+            for j in i + 1..count {
+                let operators = self.palette[i].cells[0].operators();
+                if let PathCheck::Broken { weight } = check_path(&blend, shape, operators, i, j) {
+                    breaks[i][j] = Some(weight);
+                }
             }
-        };
+        }
+        let broken = |i: usize, j: usize| breaks[i.min(j)][i.max(j)];
         for i in 0..count {
             for j in i + 1..count {
                 let Some(weight) = broken(i, j) else { continue };
-                let between = (0..count).filter(|&k| k != i && k != j).find(|&k| {
-                    broken(i.min(k), i.max(k)).is_none() && broken(j.min(k), j.max(k)).is_none()
-                });
-                let (a, b) = (&self.palette[i].name, &self.palette[j].name);
-                let advice = match between {
-                    Some(k) => format!("pass through {:?}", self.palette[k].name),
-                    None => "put a cell between them that is like both".into(),
+                let [a, b] = [i, j].map(|n| &self.palette[n].name);
+                let others = || (0..count).filter(|&k| k != i && k != j);
+                // Of two cells one may be in pieces by itself: then it breaks with all others, too.
+                let loose = match weight {
+                    0.0 => Some((a, j)),
+                    1.0 => Some((b, i)),
+                    _ => None,
+                };
+                let advice = match loose {
+                    None => match others().find(|&k| broken(i, k).or(broken(k, j)).is_none()) {
+                        Some(k) => format!("pass through {:?}", self.palette[k].name),
+                        None => "put a cell between them that is like both".into(),
+                    },
+                    Some((own, sound)) => {
+                        let instead = others().find(|&k| broken(k, sound).is_none());
+                        let instead = instead.map_or(String::new(), |k| {
+                            format!(", or pass from {:?}, which is not", self.palette[k].name)
+                        });
+                        format!(
+                            "{own:?} is in pieces by itself: raise its level or volume fraction{instead}"
+                        )
+                    }
                 };
                 let message = format!(
                     "tiling: from {a:?} to {b:?} the solid is not connected at weight {weight}; {advice}"
@@ -290,13 +397,16 @@ impl Fill {
             cells: cells(entry),
         });
         let weights = if self.weights.is_empty() {
-            vec![1.0; scaffold.nodes().len()]
+            vec![1.0; self.interpolation.places(scaffold).len()]
         } else {
             self.weights.clone()
         };
         let failed = |e: crate::tiling::TilingError| RunError::Tiling(e.to_string());
         let blend = Blend::new(scaffold, members.collect(), weights, self.interpolation);
-        let mut blend = blend.map_err(failed)?.graded(self.grading.clone());
+        let mut blend = blend.map_err(failed)?;
+        if !self.grading.is_empty() {
+            blend = blend.graded(self.grading.clone()).map_err(failed)?;
+        }
         if self.follow_volume && self.palette.len() > 1 {
             blend = blend.with_volumes_followed();
         }
@@ -312,7 +422,7 @@ impl Fill {
         if let (true, [cell]) = (single, &own[..]) {
             return Ok(Filled::One(cell));
         }
-        Ok(Filled::Many(self.blend(cells)?))
+        Ok(Filled::Many(Box::new(self.blend(cells)?)))
     }
 
     /// The filling by tables, as runs evaluate it.
@@ -330,7 +440,7 @@ impl Fill {
         let scaffold = &self.loaded.scaffold;
         Ok(match self.tabulated()? {
             Filled::One(table) => certify(scaffold, table),
-            Filled::Many(blend) => certify(scaffold, &blend),
+            Filled::Many(blend) => certify(scaffold, &*blend),
         })
     }
 }
@@ -340,7 +450,7 @@ impl<C: CellField> Filled<'_, C> {
     pub fn value_and_gradient(&self, element: usize, xi: CellPoint<3>) -> (f64, Vec3) {
         match self {
             Self::One(cell) => Field::value_and_gradient(*cell, xi),
-            Self::Many(blend) => Filling::value_and_gradient(blend, element, xi),
+            Self::Many(blend) => Filling::value_and_gradient(&**blend, element, xi),
         }
     }
 
@@ -351,56 +461,4 @@ impl<C: CellField> Filled<'_, C> {
             Self::Many(blend) => blend.weights(element, xi),
         }
     }
-}
-
-/// World length per reference length at every node: the mean of the elements around it.
-fn scales(scaffold: &Scaffold) -> Vec<f64> {
-    let mut sums = vec![(0.0, 0.0); scaffold.nodes().len()];
-    for e in scaffold.elements() {
-        let scale = (e.volume().abs() / e.shape().measure()).cbrt();
-        for &n in e.nodes() {
-            let s = &mut sums[n as usize];
-            *s = (s.0 + scale, s.1 + 1.0);
-        }
-    }
-    let mean = |(sum, count): (f64, f64)| if count > 0.0 { sum / count } else { 1.0 };
-    sums.into_iter().map(mean).collect()
-}
-
-/// Shifts of the normalised field that give a cell the level asked for, over the quantity's range.
-fn shifts(entry: &Entry, key: &str, (low, high): (f64, f64)) -> Result<Vec<(f64, f64)>, RunError> {
-    let cell = &entry.cells[0];
-    let fault = |e: crate::cell::CellError| RunError::Cell {
-        key: format!("{key} of cell.{}", entry.name),
-        fault: e.into(),
-    };
-    let steps = if high - low > 1e-9 * high.abs().max(1e-9) {
-        GRADES
-    } else {
-        1
-    };
-    let mut found = Vec::new();
-    for i in 0..steps {
-        let t = i as f64 / (steps - 1).max(1) as f64;
-        let at = low + (high - low) * t;
-        let level = match key {
-            "tiling.level" => at,
-            "tiling.volume_fraction" => cell.level_for_volume_fraction(at).map_err(fault)?,
-            _ => cell.level_for_thickness(at).map_err(fault)?,
-        };
-        let other = cell
-            .clone()
-            .with_solid(cell.solid(), level)
-            .map_err(fault)?;
-        // Off the middle of a sheet, where its field has a kink.
-        let p = CellPoint(Vec3::new(0.13, 0.07, -0.05));
-        let shift = Field::value(cell, p) - Field::value(&other, p);
-        found.push((at, shift / CellField::gradient_rms(&entry.tables[0])));
-    }
-    Ok(found)
-}
-
-fn interpolated(table: &[(f64, f64)], v: f64) -> f64 {
-    let pairs: Vec<[f64; 2]> = table.iter().map(|&(a, b)| [a, b]).collect();
-    super::varying::mapped(&pairs, v)
 }

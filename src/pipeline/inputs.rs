@@ -7,6 +7,7 @@ use crate::frame::{Aabb, LengthUnit, Vec3};
 use crate::io::{Place, ReadError};
 use crate::mesh::{HopelessMesh, MeshSolid, TriMesh};
 use crate::recipe::{CrystalFrame, FileFrame, Recipe, SurfaceRef, Up};
+use crate::vdb::isolate::Program;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
@@ -18,16 +19,19 @@ pub(super) struct Inputs<'a> {
     pub recipe: &'a Recipe,
     pub files: Vec<Input>,
     pub warnings: Vec<Warning>,
+    /// The child process that reads OpenVDB files, if one is to.
+    pub reader: Option<&'a Program>,
     paths: Vec<PathBuf>,
     strict: bool,
 }
 
 impl<'a> Inputs<'a> {
-    pub fn new(recipe: &'a Recipe, strict: bool) -> Self {
+    pub fn new(recipe: &'a Recipe, strict: bool, reader: Option<&'a Program>) -> Self {
         Self {
             recipe,
             files: Vec::new(),
             warnings: Vec::new(),
+            reader,
             paths: recipe.source().path.iter().cloned().collect(),
             strict,
         }

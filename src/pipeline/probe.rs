@@ -44,7 +44,7 @@ impl<'a> Probe<'a> {
     /// As [`super::run`]; a recipe without a scaffold.
     pub fn new(
         recipe: &'a Recipe,
-        options: &RunOptions,
+        options: &'a RunOptions,
         progress: &dyn Progress,
     ) -> Result<Self, RunError> {
         let threads = threads(options)?;

@@ -38,12 +38,12 @@ impl<'a> Stock<'a> {
     pub fn load(
         recipe: &'a Recipe,
         threads: &Threads,
-        options: &RunOptions,
+        options: &'a RunOptions,
         progress: &dyn Progress,
     ) -> Result<Self, RunError> {
         let mut stock = Self {
             recipe,
-            inputs: Inputs::new(recipe, options.strict),
+            inputs: Inputs::new(recipe, options.strict, options.isolated.as_ref()),
             volumes: Volumes::default(),
             solids: BTreeMap::new(),
             singles: BTreeMap::new(),
@@ -55,8 +55,7 @@ impl<'a> Stock<'a> {
             stock.load_singles(Session::new(threads, progress))?;
             stock.load_tiling(Session::new(threads, progress))
         })?;
-        let reader = options.isolated.as_ref();
-        stock.volumes = Volumes::load(&mut stock.inputs, reader, threads, progress)?;
+        stock.volumes = Volumes::load(&mut stock.inputs, threads, progress)?;
         stock.inputs.compare_boxes()?;
         Ok(stock)
     }
@@ -231,7 +230,7 @@ impl<'a> Stock<'a> {
                 Box::new(TiledSolid::new(scaffold, table, options).map_err(failed)?)
             }
             Filled::Many(blend) => {
-                Box::new(TiledSolid::owning(scaffold, blend, options).map_err(failed)?)
+                Box::new(TiledSolid::owning(scaffold, *blend, options).map_err(failed)?)
             }
         };
         let bounds = tiling.loaded.scaffold.bounds();

@@ -2,13 +2,14 @@
 
 use super::error::RunError;
 use super::inputs::{Inputs, frame_map};
+use super::scatter::Scatter;
+use super::volumes::{FieldGrid, has_volume};
 use crate::field::Formula;
 use crate::frame::{Aabb, Vec3, WorldPoint};
 use crate::io::{DataField, ElementFile, FieldAt, Place, ReadError};
 use crate::mesh::MeshSolid;
 use crate::recipe::{FieldRef, Outside, Varying};
 use crate::scaffold::{Kind, Scaffold};
-use std::collections::HashMap;
 use std::path::Path;
 
 /// What the variables of formulas are measured against.
@@ -23,8 +24,6 @@ pub(super) struct Setting<'a> {
 
 /// Names of a formula's variables, in the order of [`Setting::variables`].
 const NAMES: [&str; 7] = ["x", "y", "z", "bx", "by", "bz", "d"];
-/// Nearest points that scattered data are the mean of.
-const NEIGHBOURS: usize = 6;
 
 impl Setting<'_> {
     fn fail(&self, message: impl std::fmt::Display) -> RunError {
@@ -101,36 +100,38 @@ impl Setting<'_> {
         let csv = path
             .extension()
             .is_some_and(|e| e.eq_ignore_ascii_case("csv"));
-        let data = if csv {
+        let data = if has_volume(&path) {
+            Data::Grid(FieldGrid::read(inputs, file, &path, &field.field)?)
+        } else if csv {
             let (places, values) = scattered(&path, &field.field)?;
-            Data::Points(Scatter::new(places.into_iter().map(map).collect()), values)
+            let places: Vec<Vec3> = places.into_iter().map(map).collect();
+            Data::Points(Scatter::new(&places), values)
         } else {
             self.of_elements(&path, field, map)?
         };
         if field.file.is_some() {
             inputs.record(&self.key, &path, data.bounds())?;
         }
-        let values = points
+        let nearest = |p: Vec3| {
+            let value = data.nearest(p);
+            value.ok_or_else(|| self.fail("the field has no points"))
+        };
+        let value = |p: Vec3| match (data.at(p), field.outside) {
+            (Some(v), _) => Ok(v),
+            (None, Outside::Nearest) => nearest(p),
+            (None, Outside::Value(v)) => Ok(v.0),
+            (None, Outside::Error) => Err(self.fail(format!(
+                "({}, {}, {}) lies outside {}; outside = \"nearest\" takes the nearest value, \
+                 outside = 0.5 that number",
+                p.x,
+                p.y,
+                p.z,
+                path.display()
+            ))),
+        };
+        points
             .iter()
-            .map(|&p| data.at(p).map(|v| mapped(&field.map, v)));
-        let values: Vec<Option<f64>> = values.collect();
-        let nearest = |i: usize| data.nearest(points[i]).map(|v| mapped(&field.map, v));
-        values
-            .into_iter()
-            .enumerate()
-            .map(|(i, v)| match (v, field.outside) {
-                (Some(v), _) => Ok(v),
-                (None, Outside::Nearest) => {
-                    nearest(i).ok_or_else(|| self.fail("the field has no points"))
-                }
-                (None, Outside::Error) => Err(self.fail(format!(
-                    "({}, {}, {}) lies outside {}; outside = \"nearest\" takes the nearest value",
-                    points[i].x,
-                    points[i].y,
-                    points[i].z,
-                    path.display()
-                ))),
-            })
+            .map(|&p| Ok(mapped(&field.map, value(p)?)))
             .collect()
     }
 
@@ -170,7 +171,7 @@ impl Setting<'_> {
                     FieldAt::Points => nodes,
                     FieldAt::Cells => mesh.elements().map(|e| e.bounds().centre().0).collect(),
                 };
-                Data::Mesh(Box::new(mesh), at, Scatter::new(places), values)
+                Data::Mesh(Box::new(mesh), at, Scatter::new(&places), values)
             }
             ElementFile::Surface(file) => {
                 let s = &file.surface;
@@ -183,7 +184,7 @@ impl Setting<'_> {
                     FieldAt::Cells => (0..s.len()).map(middle).collect(),
                     FieldAt::Points => nodes.clone(),
                 };
-                Data::Points(Scatter::new(places), values)
+                Data::Points(Scatter::new(&places), values)
             }
         })
     }
@@ -259,6 +260,7 @@ pub(super) fn mapped(map: &[[f64; 2]], v: f64) -> f64 {
 
 /// Data with places.
 enum Data {
+    Grid(FieldGrid),
     Points(Scatter, Vec<f64>),
     Mesh(Box<Scaffold>, FieldAt, Scatter, Vec<f64>),
 }
@@ -266,7 +268,8 @@ enum Data {
 impl Data {
     fn bounds(&self) -> Aabb {
         match self {
-            Self::Points(s, _) => Aabb::of(s.points.iter().copied()),
+            Self::Grid(g) => g.bounds(),
+            Self::Points(s, _) => s.bounds(),
             Self::Mesh(m, ..) => m.bounds(),
         }
     }
@@ -274,6 +277,7 @@ impl Data {
     /// The value at a point within the data's reach: of scattered points everywhere.
     fn at(&self, p: Vec3) -> Option<f64> {
         match self {
+            Self::Grid(grid) => grid.bounds().contains(WorldPoint(p)).then(|| grid.at(p)),
             Self::Points(scatter, values) => scatter.mean(p, values),
             Self::Mesh(mesh, FieldAt::Points, _, values) => {
                 let (e, xi) = mesh.locate(WorldPoint(p))?;
@@ -302,142 +306,28 @@ impl Data {
     }
 
     fn nearest(&self, p: Vec3) -> Option<f64> {
-        let (Self::Points(scatter, values) | Self::Mesh(_, _, scatter, values)) = self;
+        let (scatter, values) = match self {
+            Self::Grid(grid) => {
+                let b = grid.bounds();
+                return Some(grid.at(p.sup(&b.min).inf(&b.max)));
+            }
+            Self::Points(scatter, values) | Self::Mesh(_, _, scatter, values) => (scatter, values),
+        };
         let (i, _) = *scatter.near(p, 1).first()?;
         Some(values[i as usize])
     }
 }
 
-/// Points in the cells of a grid, for the nearest ones.
-struct Scatter {
-    points: Vec<Vec3>,
-    origin: Vec3,
-    cell: f64,
-    rings: i64,
-    grid: HashMap<[i64; 3], Vec<u32>>,
-}
-
-impl Scatter {
-    fn new(points: Vec<Vec3>) -> Self {
-        let bounds = Aabb::of(points.iter().copied());
-        let size = bounds.size().amax().max(f64::MIN_POSITIVE);
-        let cell = 2.0 * size / (points.len().max(1) as f64).cbrt();
-        let mut grid: HashMap<[i64; 3], Vec<u32>> = HashMap::new();
-        let origin = bounds.min;
-        for (i, p) in points.iter().enumerate() {
-            grid.entry(place(*p, origin, cell))
-                .or_default()
-                .push(i as u32);
-        }
-        Self {
-            points,
-            origin,
-            cell,
-            rings: (size / cell).ceil() as i64 + 2,
-            grid,
-        }
-    }
-
-    /// The nearest points and their squared distances, nearest first; equal ones by number.
-    fn near(&self, p: Vec3, count: usize) -> Vec<(u32, f64)> {
-        let mut found: Vec<(u32, f64)> = Vec::new();
-        // Far outside, the rings start from the nearest point of the box.
-        let span = Aabb::of(self.points.iter().copied());
-        let inside = p.sup(&span.min).inf(&span.max);
-        let middle = place(inside, self.origin, self.cell);
-        for ring in 0..=self.rings {
-            for x in -ring..=ring {
-                for y in -ring..=ring {
-                    for z in -ring..=ring {
-                        if x.abs().max(y.abs()).max(z.abs()) != ring {
-                            continue;
-                        }
-                        let at = [middle[0] + x, middle[1] + y, middle[2] + z];
-                        for &i in self.grid.get(&at).into_iter().flatten() {
-                            found.push((i, (self.points[i as usize] - p).norm_squared()));
-                        }
-                    }
-                }
-            }
-            found.sort_unstable_by(|a, b| a.1.total_cmp(&b.1).then(a.0.cmp(&b.0)));
-            // What lies in further rings is further from the box's point than this.
-            let reached = (ring as f64 * self.cell - (p - inside).norm())
-                .max(0.0)
-                .powi(2);
-            let enough = found.get(count - 1).is_some_and(|f| f.1 <= reached);
-            if enough || (inside != p && found.len() >= count) {
-                break;
-            }
-        }
-        found.truncate(count);
-        found
-    }
-
-    /// The mean of the nearest values, weighted by the inverse square of their distance.
-    fn mean(&self, p: Vec3, values: &[f64]) -> Option<f64> {
-        let near = self.near(p, NEIGHBOURS.min(self.points.len()).max(1));
-        let first = near.first()?;
-        let tiny = 1e-18 * self.cell * self.cell;
-        if first.1 <= tiny {
-            return Some(values[first.0 as usize]);
-        }
-        let weights: f64 = near.iter().map(|n| 1.0 / n.1).sum();
-        let sum: f64 = near.iter().map(|n| values[n.0 as usize] / n.1).sum();
-        Some(sum / weights)
-    }
-}
-
-fn place(p: Vec3, origin: Vec3, cell: f64) -> [i64; 3] {
-    let at = (p - origin) / cell;
-    [at.x, at.y, at.z].map(|c| c.floor() as i64)
-}
-
 /// Columns x, y, z and one more of a `.csv` file.
 fn scattered(path: &Path, column: &str) -> Result<(Vec<Vec3>, Vec<f64>), ReadError> {
     let text = std::fs::read_to_string(path).map_err(|e| ReadError::io(path, e))?;
-    let mut lines = text
-        .lines()
-        .enumerate()
-        .filter(|(_, l)| !l.trim().is_empty());
-    let header = lines.next().map_or("", |(_, l)| l.trim());
-    let names: Vec<&str> = header.split(',').map(str::trim).collect();
-    let wanted = ["x", "y", "z", column].map(|n| names.iter().position(|m| *m == n));
-    let [Some(x), Some(y), Some(z), Some(v)] = wanted else {
-        let expected = format!("a header with x, y, z and {column}");
-        let found = crate::io::quote(header);
-        return Err(ReadError::data(path, Place::Line(1), found, expected));
-    };
-    let (mut places, mut values) = (Vec::new(), Vec::new());
-    for (n, line) in lines {
-        let words: Vec<&str> = line.split(',').map(str::trim).collect();
-        let number = |c: usize| {
-            words
-                .get(c)
-                .and_then(|w| w.parse::<f64>().ok())
-                .filter(|v| v.is_finite())
-        };
-        let [Some(x), Some(y), Some(z), Some(v)] = [x, y, z, v].map(number) else {
-            let found = crate::io::quote(line);
-            let place = Place::Line(n as u64 + 1);
-            return Err(ReadError::data(
-                path,
-                place,
-                found,
-                "finite numbers in every column",
-            ));
-        };
-        places.push(Vec3::new(x, y, z));
-        values.push(v);
+    let rows = crate::io::read_columns(path, &text, &["x", "y", "z", column])?;
+    if rows.is_empty() {
+        let expected = "at least one line of numbers";
+        return Err(ReadError::data(path, Place::File, "no points", expected));
     }
-    if places.is_empty() {
-        return Err(ReadError::data(
-            path,
-            Place::File,
-            "no points",
-            "at least one line of numbers",
-        ));
-    }
-    Ok((places, values))
+    let split = rows.iter().map(|r| (Vec3::new(r[0], r[1], r[2]), r[3]));
+    Ok(split.unzip())
 }
 
 /// Corner nodes of a scaffold, flagged.

@@ -1,11 +1,11 @@
 //! Grids of OpenVDB files that a run reads: solids to combine with, masks, and the solid it starts from.
 
 use super::error::RunError;
-use super::inputs::Inputs;
+use super::inputs::{Inputs, frame_map};
 use super::report::Warning;
-use crate::frame::{LengthUnit, Vec3};
+use crate::frame::{Aabb, LengthUnit, Mat3, Vec3, WorldPoint};
 use crate::progress::{Progress, Threads};
-use crate::recipe::{Grid, Mask, Op, Operand, Recipe, Scale, Similarity};
+use crate::recipe::{FileFrame, Grid, Mask, Op, Operand, Recipe, Scale, Similarity};
 use crate::vdb::isolate::Program;
 use crate::vdb::{FileError, LevelSet, Placement, Sampled, Session, Volume};
 use std::collections::BTreeMap;
@@ -25,7 +25,6 @@ const FOG: f64 = 0.5;
 impl Volumes {
     pub fn load(
         inputs: &mut Inputs,
-        reader: Option<&Program>,
         threads: &Threads,
         progress: &dyn Progress,
     ) -> Result<Self, RunError> {
@@ -36,13 +35,13 @@ impl Volumes {
             let key = format!("op.{n}");
             if let Some(mask) = op.mask() {
                 let path = recipe.resolve(&mask.path);
-                let volume = fetch(reader, &path, mask.grid.as_deref())?;
+                let volume = fetch(inputs.reader, &path, mask.grid.as_deref())?;
                 let factor = unit_of(&volume, mask.unit.map(|u| u.0)).to(recipe.unit());
                 let stage = format!("{key}.{}.mask", op.name());
                 let volume = volume
                     .rescaled(factor)
                     .map_err(RunError::level_set(&stage))?;
-                inputs.record(&stage, &path, crate::frame::Aabb::EMPTY)?;
+                inputs.record(&stage, &path, Aabb::EMPTY)?;
                 found.masks.insert(key.clone(), volume);
             }
             let Some(Operand::Vdb(grid)) = op.operand() else {
@@ -50,7 +49,7 @@ impl Volumes {
             };
             let path = recipe.resolve(&grid.path);
             let stage = format!("{key}.{}.vdb", op.name());
-            let volume = fetch(reader, &path, grid.grid.as_deref())?;
+            let volume = fetch(inputs.reader, &path, grid.grid.as_deref())?;
             let unit = unit_of(&volume, grid.unit.map(|u| u.0));
             let solid =
                 level_set(recipe, grid, volume, &path, session).map_err(|e| e.at(&stage))?;
@@ -98,6 +97,68 @@ impl Volumes {
     /// Gives it away.
     pub fn take_start(&mut self) -> Option<LevelSet> {
         self.start.take()
+    }
+}
+
+/// Whether a path names a file of OpenVDB grids.
+pub(super) fn has_volume(path: &Path) -> bool {
+    path.extension()
+        .is_some_and(|e| e.eq_ignore_ascii_case("vdb"))
+}
+
+/// A grid of floats as a field of the recipe's space.
+pub(super) struct FieldGrid {
+    volume: Volume,
+    /// From the recipe's space to the file's.
+    inward: Mat3,
+    origin: Vec3,
+    bounds: Aabb,
+}
+
+impl FieldGrid {
+    /// Reads a grid by its name.
+    pub fn read(
+        inputs: &Inputs,
+        file: &FileFrame,
+        path: &Path,
+        name: &str,
+    ) -> Result<Self, RunError> {
+        let volume = fetch(inputs.reader, path, Some(name))?;
+        let unit = unit_of(&volume, file.unit.map(|u| u.0));
+        let map = frame_map(file, Some(unit), inputs.recipe.unit());
+        let origin = map(Vec3::zeros());
+        let outward =
+            Mat3::from_columns(&[Vec3::x(), Vec3::y(), Vec3::z()].map(|e| map(e) - origin));
+        let info = volume.info().map_err(RunError::level_set(name))?;
+        let [low, high] = info.bbox.unwrap_or_default();
+        let corner = |v: [i32; 3]| {
+            let at = Vec3::from(v.map(f64::from)).component_mul(&Vec3::from(info.voxel_size));
+            at + Vec3::from(info.origin)
+        };
+        let (low, high) = (corner(low), corner(high));
+        let corners = (0..8u8).map(|c| {
+            map(Vec3::from_fn(|a, _| {
+                if c >> a & 1 == 1 { high[a] } else { low[a] }
+            }))
+        });
+        Ok(Self {
+            bounds: Aabb::of(corners),
+            volume,
+            inward: outward.try_inverse().unwrap_or_default(),
+            origin,
+        })
+    }
+
+    /// The box around its active voxels.
+    pub fn bounds(&self) -> Aabb {
+        self.bounds
+    }
+
+    /// The value at a point.
+    pub fn at(&self, p: Vec3) -> f64 {
+        let inner = WorldPoint(self.inward * (p - self.origin));
+        let found = self.volume.samples(&[inner]);
+        found.map_or(f64::NAN, |v| f64::from(v[0]))
     }
 }
 

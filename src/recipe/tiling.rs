@@ -1,6 +1,7 @@
 //! `[tiling]`: which cells fill the scaffold, where, and how strongly.
 
 use super::file::FileRef;
+use super::quantity::Finite;
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::Deserialize;
 use serde::de::value::MapAccessDeserializer;
@@ -47,6 +48,11 @@ impl TilingSection {
         }
         found
     }
+
+    /// Whether the level differs from place to place.
+    pub fn is_graded(&self) -> bool {
+        self.level.is_some() || self.volume_fraction.is_some() || self.thickness.is_some()
+    }
 }
 
 /// A cell's share in a transition.
@@ -82,6 +88,9 @@ pub enum Interpolation {
     Linear,
     /// Flat at corners: each transition looks like steps of elements, with level ends.
     Smoothstep,
+    /// Smooth in space (two continuous derivatives) whatever the elements are: through control points
+    /// about an element apart, of which the weights are a mean.
+    Smooth,
 }
 
 /// A value that may differ from place to place.
@@ -96,13 +105,13 @@ pub enum Varying {
     Field(FieldRef),
 }
 
-/// A field in a file: .vtu, .vtk or .csv.
+/// A field in a file: .vtu, .vtk, .vdb or .csv.
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct FieldRef {
     /// The file; the scaffold's own when left out. A .csv has columns x, y, z and the field.
     pub file: Option<FileRef>,
-    /// Name of the point or cell data, or of the column.
+    /// Name of the point or cell data, of the grid (floats, trilinear between voxels), or of the column.
     pub field: String,
     /// Of fields with several numbers: which (x, y, z or 0, 1, ...), "magnitude", or of stresses
     /// "`von_mises`".
@@ -110,20 +119,61 @@ pub struct FieldRef {
     /// Points (value, result) of a piecewise linear map, clamped at both ends.
     #[serde(default)]
     pub map: Vec<[f64; 2]>,
-    /// Where the field's mesh does not reach: "nearest" point, or "error".
+    /// Where the field's mesh (of a .vdb the box of its active voxels) does not reach: "nearest" point,
+    /// "error", or a number.
     #[serde(default)]
     pub outside: Outside,
 }
 
 /// What a field says beyond its mesh.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
-#[serde(rename_all = "lowercase")]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Outside {
     /// The value of the nearest point.
     #[default]
     Nearest,
     /// An error that names the place.
     Error,
+    /// A number, mapped like the field's own.
+    Value(Finite),
+}
+
+impl<'de> Deserialize<'de> for Outside {
+    fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
+        struct Any;
+        impl Visitor<'_> for Any {
+            type Value = Outside;
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("\"nearest\", \"error\" or a number")
+            }
+            fn visit_f64<E: serde::de::Error>(self, v: f64) -> Result<Outside, E> {
+                let number = Finite::deserialize(serde::de::value::F64Deserializer::new(v))?;
+                Ok(Outside::Value(number))
+            }
+            fn visit_i64<E: serde::de::Error>(self, v: i64) -> Result<Outside, E> {
+                self.visit_f64(v as f64)
+            }
+            fn visit_str<E: serde::de::Error>(self, v: &str) -> Result<Outside, E> {
+                match v {
+                    "nearest" => Ok(Outside::Nearest),
+                    "error" => Ok(Outside::Error),
+                    _ => Err(E::unknown_variant(v, &["nearest", "error"])),
+                }
+            }
+        }
+        d.deserialize_any(Any)
+    }
+}
+
+impl JsonSchema for Outside {
+    fn schema_name() -> Cow<'static, str> {
+        "Outside".into()
+    }
+    fn json_schema(_: &mut SchemaGenerator) -> Schema {
+        json_schema!({
+            "description": "What a field says beyond its mesh.",
+            "anyOf": [{ "enum": ["nearest", "error"] }, { "type": "number" }]
+        })
+    }
 }
 
 impl<'de> Deserialize<'de> for Varying {

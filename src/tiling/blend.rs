@@ -1,15 +1,16 @@
-//! Several cells over one scaffold: transitions by weights at the nodes, graded levels.
+//! Several cells over one scaffold: transitions by weights, graded levels.
 //!
-//! F = sum over cells of `W_c` `Phi_c` / `gamma_c` - T(W) - B, with `W_c` = sum over corners of `N_v` `w_vc`
-//! (see [`Interpolation`]), `gamma_c` the mean slope of the cell, so that no cell outweighs another,
-//! and B = sum `N_v` `b_v` a grading: positive values add material. Weights are not negative and sum to
-//! one at every corner, hence everywhere. All of it is continuous across faces if every cell is.
+//! F = sum over cells of `W_c` `Phi_c` / `gamma_c` - T(W) - B, with the weights `W_c` interpolated
+//! between the places where they are given (see [`Interpolation`]), `gamma_c` the mean slope of the
+//! cell, so that no cell outweighs another, and B a grading, interpolated likewise: positive values
+//! add material. Weights are not negative and sum to one at every place, hence everywhere. All of it
+//! is continuous across faces if every cell is.
 //!
 //! T follows the blend's volume: for two cells it is the level at which the blend's share of the
 //! element is interpolated linearly between theirs, tabulated over the weight; for more the pairs'
 //! tables are added, weighted by what the pair has of the whole.
 
-use super::corners::Corners;
+use super::distribution::Distribution;
 use super::pair::{Pair, pair};
 use super::source::{CellField, Filling, fills};
 use super::{Interpolation, TilingError, seam};
@@ -44,21 +45,20 @@ pub struct Blend<'a, C: CellField = Table> {
     members: Vec<Member<'a, C>>,
     /// 1 / gamma of each member, the same for all shapes.
     scales: Vec<f64>,
-    /// Weights by node and member.
-    weights: Vec<f64>,
-    /// Grading by node; empty for none.
-    grading: Vec<f64>,
-    interpolation: Interpolation,
+    /// One for each member.
+    weights: Distribution<'a>,
+    grading: Option<Distribution<'a>>,
     /// Levels of pairs i < j, in order; empty if volumes are not followed.
     pairs: Vec<Pair>,
 }
 
 impl<'a, C: CellField> Blend<'a, C> {
-    /// Blends cells by weights at the nodes: `weights[node * members + member]`, for every node of the
-    /// scaffold. Weights are clamped at 0 and divided by their sum.
+    /// Blends at most 8 cells by weights at the places of the interpolation:
+    /// `weights[place * members + member]`, see [`Interpolation::places`]. Weights are clamped at 0 and
+    /// divided by their sum.
     ///
     /// # Errors
-    /// [`TilingError::Weights`] where they sum to 0 or are not finite, [`TilingError::Slope`] for a
+    /// [`TilingError::WeightCount`], [`TilingError::Weights`] where they sum to 0 or are not finite, [`TilingError::Slope`] for a
     /// cell without slope.
     pub fn new(
         scaffold: &'a Scaffold,
@@ -67,20 +67,16 @@ impl<'a, C: CellField> Blend<'a, C> {
         interpolation: Interpolation,
     ) -> Result<Self, TilingError> {
         let count = members.len();
-        if count == 0 || weights.len() != count * scaffold.nodes().len() {
-            return Err(TilingError::WeightCount {
-                found: weights.len(),
-                expected: count * scaffold.nodes().len(),
-            });
-        }
-        for (node, own) in weights.chunks_exact_mut(count).enumerate() {
+        let found = weights.len();
+        for (place, own) in weights.chunks_exact_mut(count.max(1)).enumerate() {
             for w in own.iter_mut() {
                 *w = w.max(0.0);
             }
             let sum: f64 = own.iter().sum();
             if !(sum.is_finite() && sum > 0.0) {
+                let places = interpolation.places(scaffold);
                 return Err(TilingError::Weights {
-                    at: scaffold.nodes()[node].into(),
+                    at: places.get(place).copied().unwrap_or_default().into(),
                     sum,
                 });
             }
@@ -88,6 +84,8 @@ impl<'a, C: CellField> Blend<'a, C> {
                 *w /= sum;
             }
         }
+        let weights = Distribution::new(scaffold, interpolation, count, weights)
+            .map_err(|expected| TilingError::WeightCount { found, expected })?;
         let mut scales = Vec::new();
         for member in &members {
             let rms = member.cells.first().map_or(0.0, |c| c.gradient_rms());
@@ -101,20 +99,23 @@ impl<'a, C: CellField> Blend<'a, C> {
             members,
             scales,
             weights,
-            grading: Vec::new(),
-            interpolation,
+            grading: None,
             pairs: Vec::new(),
         })
     }
 
-    /// The same with a grading by node, in units of the normalised field (reference lengths where a
-    /// cell is a distance); positive values add material. Ignored unless there is one for each node.
-    #[must_use]
-    pub fn graded(mut self, grading: Vec<f64>) -> Self {
-        if grading.len() == self.scaffold.nodes().len() {
-            self.grading = grading;
-        }
-        self
+    /// The same with a grading at the same places, in units of the normalised field (reference lengths
+    /// where a cell is a distance); positive values add material.
+    ///
+    /// # Errors
+    /// [`TilingError::WeightCount`].
+    pub fn graded(mut self, grading: Vec<f64>) -> Result<Self, TilingError> {
+        let found = grading.len();
+        let how = self.weights.interpolation();
+        let grading = Distribution::new(self.scaffold, how, 1, grading);
+        self.grading =
+            Some(grading.map_err(|expected| TilingError::WeightCount { found, expected })?);
+        Ok(self)
     }
 
     /// The same with its level following the blend, so that volumes are interpolated.
@@ -158,25 +159,13 @@ impl<'a, C: CellField> Blend<'a, C> {
 
     /// Weights of the members at a point.
     pub fn weights(&self, element: usize, xi: CellPoint<3>) -> Vec<f64> {
-        let (corners, nodes) = self.corners(element, xi);
-        let count = self.members.len();
-        (0..count)
-            .map(|m| {
-                corners
-                    .of(|v| self.weights[nodes[v] as usize * count + m])
-                    .0
-            })
-            .collect()
+        let all = self.weights.at(element, xi);
+        all[..self.members.len()].iter().map(|w| w.0).collect()
     }
 
     /// The palette.
     pub fn members(&self) -> &[Member<'a, C>] {
         &self.members
-    }
-
-    fn corners(&self, element: usize, xi: CellPoint<3>) -> (Corners, &'a [u32]) {
-        let e = self.scaffold.element(element);
-        (Corners::at(e.shape(), xi, self.interpolation), e.nodes())
     }
 
     /// T(W) and its derivatives.
@@ -207,54 +196,15 @@ impl<'a, C: CellField> Blend<'a, C> {
         }
         total
     }
-
-    fn node_weights(&self, element: usize, member: usize) -> impl Iterator<Item = f64> + '_ {
-        let e = self.scaffold.element(element);
-        let count = self.members.len();
-        let corners = &e.nodes()[..e.kind().corner_count()];
-        corners
-            .iter()
-            .map(move |&n| self.weights[n as usize * count + member])
-    }
-
-    /// Range of an interpolated quantity over a box: of the corners, and by its slope from the
-    /// middle.
-    fn range_of(
-        &self,
-        shape: Element,
-        count: usize,
-        region: &CellBox<3>,
-        values: impl Fn(usize) -> f64 + Copy,
-    ) -> Interval {
-        let mut whole = Interval::new(f64::INFINITY, f64::NEG_INFINITY);
-        for v in 0..count {
-            whole = whole.hull(Interval::new(values(v), values(v)));
-        }
-        if self.interpolation != Interpolation::Linear || whole.hi - whole.lo < 1e-12 {
-            return whole;
-        }
-        // A slope's components are multilinear: greatest at corners.
-        let middle = CellPoint((region.min + region.max) / 2.0);
-        let half = (region.max - region.min) / 2.0;
-        let at = Corners::at(shape, middle, self.interpolation).of(values).0;
-        let mut steepest = Vec3::zeros();
-        for v in shape.vertices() {
-            let c = Corners::at(shape, CellPoint(v), Interpolation::Linear);
-            steepest = steepest.sup(&c.of(values).1.abs());
-        }
-        if shape == Element::Pyramid {
-            return whole;
-        }
-        let reach = steepest.dot(&half);
-        Interval::new((at - reach).max(whole.lo), (at + reach).min(whole.hi))
-    }
 }
 
 impl<C: CellField> Filling for Blend<'_, C> {
     fn check(&self, scaffold: &Scaffold) -> Result<(), TilingError> {
         for number in 0..scaffold.len() {
             let shape = scaffold.element(number).shape();
-            if shape == Element::Pyramid && self.interpolation == Interpolation::Smoothstep {
+            if shape == Element::Pyramid
+                && self.weights.interpolation() == Interpolation::Smoothstep
+            {
                 return Err(TilingError::Smoothstep {
                     number: scaffold.number(number),
                 });
@@ -280,15 +230,11 @@ impl<C: CellField> Filling for Blend<'_, C> {
     }
 
     fn value_and_gradient(&self, element: usize, xi: CellPoint<3>) -> (f64, Vec3) {
-        let (corners, nodes) = self.corners(element, xi);
         let shape = self.scaffold.element(element).shape();
         let count = self.members.len();
-        let mut all = [0.0; 8];
-        let mut slopes = [Vec3::zeros(); 8];
+        let weights = self.weights.at(element, xi);
         let (mut value, mut gradient) = (0.0, Vec3::zeros());
-        for m in 0..count.min(8) {
-            let (w, dw) = corners.of(|v| self.weights[nodes[v] as usize * count + m]);
-            (all[m], slopes[m]) = (w, dw);
+        for (m, &(w, dw)) in weights[..count].iter().enumerate() {
             if w == 0.0 && dw == Vec3::zeros() {
                 continue;
             }
@@ -301,14 +247,14 @@ impl<C: CellField> Filling for Blend<'_, C> {
             gradient += g * (w * s) + dw * (s * phi);
         }
         if !self.pairs.is_empty() {
-            let (t, by) = self.level(&all[..count]);
+            let (t, by) = self.level(&weights.map(|w| w.0)[..count]);
             value -= t;
             for m in 0..count {
-                gradient -= slopes[m] * by[m];
+                gradient -= weights[m].1 * by[m];
             }
         }
-        if !self.grading.is_empty() {
-            let (b, db) = corners.of(|v| self.grading[nodes[v] as usize]);
+        if let Some(grading) = &self.grading {
+            let (b, db) = grading.at(element, xi)[0];
             value -= b;
             gradient -= db;
         }
@@ -316,15 +262,12 @@ impl<C: CellField> Filling for Blend<'_, C> {
     }
 
     fn bound(&self, element: usize, region: &CellBox<3>) -> Interval {
-        let e = self.scaffold.element(element);
-        let (shape, corners) = (e.shape(), e.kind().corner_count());
+        let shape = self.scaffold.element(element).shape();
         let count = self.members.len();
         let mut w = [Interval::new(0.0, 0.0); 8];
         let mut phi = [Interval::new(0.0, 0.0); 8];
         for m in 0..count {
-            w[m] = self.range_of(shape, corners, region, |v| {
-                self.weights[e.nodes()[v] as usize * count + m]
-            });
+            w[m] = self.weights.range(element, m, region);
             if let Some(cell) = self.members[m].of(shape).filter(|_| w[m].hi > 0.0) {
                 let b = Field::bound(cell, region);
                 let s = self.scales[m];
@@ -365,10 +308,8 @@ impl<C: CellField> Filling for Blend<'_, C> {
                 range.hi -= ends.into_iter().fold(f64::INFINITY, f64::min);
             }
         }
-        if !self.grading.is_empty() {
-            let b = self.range_of(shape, corners, region, |v| {
-                self.grading[e.nodes()[v] as usize]
-            });
+        if let Some(grading) = &self.grading {
+            let b = grading.range(element, 0, region);
             range.lo -= b.hi;
             range.hi -= b.lo;
         }
@@ -377,46 +318,28 @@ impl<C: CellField> Filling for Blend<'_, C> {
     }
 
     fn gradient_sup(&self, element: usize) -> f64 {
-        let e = self.scaffold.element(element);
-        let shape = e.shape();
+        let shape = self.scaffold.element(element).shape();
         let whole = shape.cell_box();
-        // |grad W| <= steepest * spread: over the reference edge for linear weights, by S' <= 3/2 and
-        // sum S >= 1/2 for smoothed ones.
-        let steepest = match self.interpolation {
-            Interpolation::Linear => 2.5,
-            Interpolation::Smoothstep => 15.0,
-        };
-        let spread = |values: &mut dyn Iterator<Item = f64>| {
-            let mut range = (f64::INFINITY, f64::NEG_INFINITY);
-            for v in values {
-                range = (range.0.min(v), range.1.max(v));
-            }
-            (range.1 - range.0).max(0.0)
-        };
         let (mut sup, mut moving) = (0f64, 0.0);
         for m in 0..self.members.len() {
-            let greatest = self.node_weights(element, m).fold(0.0, f64::max);
+            let (greatest, turn) = self.weights.extremes(element, m);
             let Some(cell) = self.members[m].of(shape).filter(|_| greatest > 0.0) else {
                 continue;
             };
             let s = self.scales[m];
             sup = sup.max(cell.gradient_sup() * s);
-            let turn = spread(&mut self.node_weights(element, m)) * steepest;
             if turn > 0.0 {
                 let b = Field::bound(cell, &whole);
                 moving += turn * (b.hi.max(-b.lo) * s);
             }
             if turn > 0.0 && !self.pairs.is_empty() {
                 let most = self.pairs.iter().map(Pair::steepest).fold(0.0, f64::max);
-                let level = self.pairs.iter().flat_map(|p| p.levels);
-                let level = level.fold(0.0, |a: f64, l| a.max(l.abs()));
+                let level = self.pairs.iter().map(Pair::greatest).fold(0.0, f64::max);
                 moving += turn * (most + level) * (self.members.len() - 1) as f64;
             }
         }
-        if !self.grading.is_empty() {
-            let corners = &e.nodes()[..e.kind().corner_count()];
-            let mut values = corners.iter().map(|&n| self.grading[n as usize]);
-            moving += spread(&mut values) * steepest;
+        if let Some(grading) = &self.grading {
+            moving += grading.extremes(element, 0).1;
         }
         sup + moving
     }

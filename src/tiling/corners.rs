@@ -6,18 +6,9 @@
 //! triangle times S along the prism. Either way the value on a face depends on the face's corners
 //! alone, is the same from both sides, and the functions are positive and sum to one.
 
+use super::Interpolation;
 use crate::frame::{CellPoint, Element, Vec3};
 use crate::scaffold::Kind;
-
-/// How corner values are interpolated.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Interpolation {
-    /// Linear along edges.
-    #[default]
-    Linear,
-    /// Flat at the corners, steep between them.
-    Smoothstep,
-}
 
 /// Functions of an element's corners at a point, with gradients in the cell frame; in VTK order.
 pub(super) struct Corners {
@@ -58,8 +49,8 @@ impl Corners {
             slopes: [Vec3::zeros(); 8],
         };
         let line = |t: f64| match how {
-            Interpolation::Linear => (t, 1.0),
             Interpolation::Smoothstep => smooth(t),
+            _ => (t, 1.0),
         };
         match shape {
             Element::Tet => {
@@ -69,8 +60,8 @@ impl Corners {
                 let l = n.map(|n| (0.5 - n.dot(&xi)) / 2.0);
                 let g = n.map(|n| n * -0.5);
                 let (l, g) = match how {
-                    Interpolation::Linear => (l, g),
                     Interpolation::Smoothstep => rational(l, g),
+                    _ => (l, g),
                 };
                 c.values[..4].copy_from_slice(&l);
                 c.slopes[..4].copy_from_slice(&g);
@@ -84,8 +75,8 @@ impl Corners {
                 let g1 = Vec3::x() - g2 / 2.0;
                 let (l, g) = ([1.0 - l1 - l2, l1, l2], [-g1 - g2, g1, g2]);
                 let (l, g) = match how {
-                    Interpolation::Linear => (l, g),
                     Interpolation::Smoothstep => rational(l, g),
+                    _ => (l, g),
                 };
                 let (t, dt) = line(xi.z + 0.5);
                 for (layer, (h, dh)) in [(1.0 - t, -dt), (t, dt)].into_iter().enumerate() {

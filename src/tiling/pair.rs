@@ -12,32 +12,55 @@ pub(super) struct Pair {
 }
 
 impl Pair {
-    /// The level at a weight of the second cell, and its slope.
+    /// Bernstein coefficients of the cubic from entry `i` to the next: entries are met, with the slope
+    /// between their neighbours (at the ends 0, where pure cells keep their level).
+    fn cubic(&self, i: usize) -> [f64; 4] {
+        let slope = |j: usize| {
+            if j == 0 || j == STEPS {
+                0.0
+            } else {
+                (self.levels[j + 1] - self.levels[j - 1]) / 2.0
+            }
+        };
+        let [a, b] = [self.levels[i], self.levels[i + 1]];
+        [a, a + slope(i) / 3.0, b - slope(i + 1) / 3.0, b]
+    }
+
+    /// The level at a weight of the second cell, and its slope: both continuous.
     pub fn at(&self, w: f64) -> (f64, f64) {
         let t = w.clamp(0.0, 1.0) * STEPS as f64;
         let i = (t as usize).min(STEPS - 1);
-        let slope = self.levels[i + 1] - self.levels[i];
-        (
-            self.levels[i] + slope * (t - i as f64),
-            slope * STEPS as f64,
-        )
+        let c = self.cubic(i);
+        let t = t - i as f64;
+        let mix = |a: f64, b: f64| a + (b - a) * t;
+        let [d, e, f] = [mix(c[0], c[1]), mix(c[1], c[2]), mix(c[2], c[3])];
+        let [g, h] = [mix(d, e), mix(e, f)];
+        (mix(g, h), 3.0 * (h - g) * STEPS as f64)
     }
 
-    /// Levels over a range of weights.
+    /// Contains the levels over a range of weights.
     pub fn range(&self, w: Interval) -> Interval {
-        let mut found = Interval::new(self.at(w.lo).0, self.at(w.lo).0);
-        let inner = (0..=STEPS).map(|i| i as f64 / STEPS as f64);
-        for w in inner.filter(|&t| w.contains(t)).chain([w.hi]) {
-            let v = self.at(w).0;
-            found = found.hull(Interval::new(v, v));
+        let place = |w: f64| ((w.clamp(0.0, 1.0) * STEPS as f64) as usize).min(STEPS - 1);
+        let mut found = Interval::new(f64::INFINITY, f64::NEG_INFINITY);
+        for c in (place(w.lo)..=place(w.hi)).flat_map(|i| self.cubic(i)) {
+            found = found.hull(Interval::new(c, c));
         }
         found
     }
 
-    /// The greatest slope.
+    /// A bound of the slope.
     pub fn steepest(&self) -> f64 {
-        let steps = self.levels.windows(2).map(|p| (p[1] - p[0]).abs());
-        steps.fold(0.0, f64::max) * STEPS as f64
+        let steps = (0..STEPS).flat_map(|i| {
+            let c = self.cubic(i);
+            [0, 1, 2].map(|j| (c[j + 1] - c[j]).abs())
+        });
+        3.0 * steps.fold(0.0, f64::max) * STEPS as f64
+    }
+
+    /// A bound of the level.
+    pub fn greatest(&self) -> f64 {
+        let all = (0..STEPS).flat_map(|i| self.cubic(i));
+        all.fold(0.0, |a, c| a.max(c.abs()))
     }
 }
 

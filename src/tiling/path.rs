@@ -1,13 +1,16 @@
 //! Whether a solid stays connected while one cell becomes another.
 //!
 //! A blend with the same weights everywhere is looked at in one element: its solid voxels fall into
-//! pieces, and pieces that a symmetry of the cell takes to each other count as one, because through
-//! the faces the structure goes on in symmetric copies. It is connected if one such class touches the
-//! faces; what touches none is loose.
+//! pieces. Through the faces the structure goes on in symmetric copies, so pieces that a symmetry of
+//! the cell takes to each other count as one class, and a piece comes as far as the faces that it touches
+//! let it: if these share a vertex, it and its copies stay around that vertex, a ball, a rod along an
+//! edge without its ends, a joint. Only a piece whose faces have no vertex in common goes through.
+//! What touches no face is loose.
 
 use super::blend::Blend;
 use super::source::CellField;
 use crate::frame::{CellPoint, Element, Mat3, Vec3};
+use crate::sets::Sets;
 
 /// Voxels along an edge of the element's box.
 const VOXELS: usize = 24;
@@ -19,7 +22,8 @@ const WEIGHTS: usize = 9;
 pub enum PathCheck {
     /// Connected at every weight tried, or no less than its ends are.
     Connected,
-    /// Not connected at this weight of the second cell.
+    /// Not connected at this weight of the second cell; at 0 and 1 one cell is not by itself, where
+    /// the other one is.
     Broken {
         /// The first weight at which it is not.
         weight: f64,
@@ -36,42 +40,50 @@ pub fn check_path<C: CellField>(
     to: usize,
 ) -> PathCheck {
     let count = blend.members().len();
-    let classes = |w: f64| {
+    // Structures that do not change along z go through a plate's sides only.
+    let planar = [from, to].iter().all(|&m| {
+        let own = &blend.members()[m].cells;
+        own.iter().all(|c| c.element().dimension() == 2)
+    });
+    let look = |w: f64| {
         let mut weights = vec![0.0; count];
         weights[from] = 1.0 - w;
         weights[to] = w;
         let solid = |p| blend.uniform(shape, &weights, p) < 0.0;
-        touching_classes(shape, operators, solid)
+        pieces(shape, operators, planar, solid)
     };
-    let ends = [classes(0.0), classes(1.0)];
+    let all: Vec<Pieces> = (0..WEIGHTS)
+        .map(|i| look(i as f64 / (WEIGHTS - 1) as f64))
+        .collect();
+    let ends = [all[0], all[WEIGHTS - 1]];
     // Cells of several pieces may stay so.
-    let most = ends[0].max(ends[1]).max(1);
-    for i in 1..WEIGHTS - 1 {
-        let weight = i as f64 / (WEIGHTS - 1) as f64;
-        let found = classes(weight);
-        let vanished = found == 0 && ends.iter().all(|e| *e > 0);
-        if vanished || found > most {
-            return PathCheck::Broken { weight };
-        }
-    }
-    PathCheck::Connected
+    let most = ends[0].classes.max(ends[1].classes).max(1);
+    let either = ends.iter().any(|e| e.goes_through);
+    let broken = all.iter().position(|found| {
+        let vanished = found.classes == 0 && ends.iter().all(|e| e.classes > 0);
+        vanished || found.classes > most || (either && !found.goes_through)
+    });
+    broken.map_or(PathCheck::Connected, |i| PathCheck::Broken {
+        weight: i as f64 / (WEIGHTS - 1) as f64,
+    })
 }
 
-/// The least member of a set.
-fn root(parent: &mut [u32], mut i: u32) -> u32 {
-    while parent[i as usize] != i {
-        parent[i as usize] = parent[parent[i as usize] as usize];
-        i = parent[i as usize];
-    }
-    i
+/// How a solid hangs together beyond one element.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Pieces {
+    /// Classes of pieces that touch the faces.
+    pub classes: usize,
+    /// Whether one of them goes through.
+    pub goes_through: bool,
 }
 
-/// Classes of pieces that touch the element's faces.
-pub(super) fn touching_classes(
+/// The pieces of a solid in an element.
+pub(super) fn pieces(
     shape: Element,
     operators: &[Mat3],
+    planar: bool,
     solid: impl Fn(CellPoint<3>) -> bool,
-) -> usize {
+) -> Pieces {
     let hull = shape.cell_box();
     let size = (hull.max - hull.min) / VOXELS as f64;
     let place =
@@ -82,28 +94,49 @@ pub(super) fn touching_classes(
     };
     let total = VOXELS.pow(3);
     let near = size.amax() * 1.01;
+    let mut faces = shape.faces();
+    faces.retain(|f| !planar || f.normal.z.abs() < 0.5);
+    let beside = |p: Vec3| {
+        let mut mask = 0u8;
+        for (n, f) in faces.iter().enumerate() {
+            if f.normal.dot(&p) - f.offset > -near {
+                mask |= 1 << n;
+            }
+        }
+        mask
+    };
+    let mut touches = vec![0u8; total];
     let mut is_solid = vec![false; total];
-    let mut touches = vec![false; total];
     for i in 0..total {
         let p = centre(i);
-        let d = shape.face_distance(CellPoint(p));
-        if d <= 0.0 {
+        if shape.face_distance(CellPoint(p)) <= 0.0 {
             is_solid[i] = solid(CellPoint(p));
-            touches[i] = d > -near;
+            touches[i] = beside(p);
         }
     }
-    let mut parent: Vec<u32> = (0..total as u32).collect();
-    let join = |a: usize, b: usize, parent: &mut Vec<u32>| {
-        let (a, b) = (root(parent, a as u32), root(parent, b as u32));
-        parent[a.max(b) as usize] = a.min(b);
-    };
+    let mut sets = Sets::new(total);
     for i in (0..total).filter(|&i| is_solid[i]) {
         let at = place(i);
         for (axis, stride) in [VOXELS * VOXELS, VOXELS, 1].into_iter().enumerate() {
             if at[axis] + 1 < VOXELS && is_solid[i + stride] {
-                join(i, i + stride, &mut parent);
+                sets.join(i, i + stride);
             }
         }
+    }
+    // Which faces each piece touches, and whether no vertex is on all of them.
+    let mut of_piece = vec![0u8; total];
+    for i in (0..total).filter(|&i| is_solid[i]) {
+        of_piece[sets.root(i)] |= touches[i];
+    }
+    let vertices = shape.vertices();
+    let corner = |mask: u8| {
+        vertices.iter().any(|v| {
+            let on = |n: usize| (faces[n].normal.dot(v) - faces[n].offset).abs() < 1e-9;
+            (0..faces.len()).all(|n| mask >> n & 1 == 0 || on(n))
+        })
+    };
+    let goes_through = of_piece.iter().any(|&mask| mask != 0 && !corner(mask));
+    for i in (0..total).filter(|&i| is_solid[i]) {
         for m in operators {
             let image = (m * centre(i) - hull.min).component_div(&size);
             let cell = [image.x, image.y, image.z].map(f64::floor);
@@ -111,38 +144,56 @@ pub(super) fn touching_classes(
                 let [x, y, z] = cell.map(|c| c as usize);
                 let other = (x * VOXELS + y) * VOXELS + z;
                 if is_solid[other] {
-                    join(i, other, &mut parent);
+                    sets.join(i, other);
                 }
             }
         }
     }
-    let mut classes: Vec<u32> = (0..total)
-        .filter(|&i| is_solid[i] && touches[i])
-        .map(|i| root(&mut parent, i as u32))
-        .collect();
-    classes.sort_unstable();
-    classes.dedup();
-    classes.len()
+    let touching = (0..total).filter(|&i| is_solid[i] && touches[i] != 0);
+    let touching: Vec<usize> = touching.collect();
+    Pieces {
+        classes: sets.numbered(touching.into_iter()).1,
+        goes_through,
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
+    fn look(operators: &[Mat3], solid: &dyn Fn(Vec3) -> bool) -> (usize, bool) {
+        let found = pieces(Element::Hex, operators, false, |p| solid(p.0));
+        (found.classes, found.goes_through)
+    }
+
     #[test]
     fn pieces_are_counted_up_to_symmetry() {
         let mirror = Mat3::from_diagonal(&Vec3::new(-1.0, 1.0, 1.0));
-        let identity = Mat3::identity();
-        let count = |solid: &dyn Fn(Vec3) -> bool, operators: &[Mat3]| {
-            touching_classes(Element::Hex, operators, |p| solid(p.0))
-        };
+        let identity = [Mat3::identity()];
         // A rod through the cell, a ball within it, two rods, nothing.
         let rod = |p: Vec3| p.x.hypot(p.y) < 0.2;
-        assert_eq!(count(&rod, &[identity]), 1);
-        assert_eq!(count(&|p: Vec3| p.norm() < 0.3, &[identity]), 0);
+        assert_eq!(look(&identity, &rod), (1, true));
+        assert_eq!(look(&identity, &|p: Vec3| p.norm() < 0.3), (0, false));
         let rods = |p: Vec3| (p.x.abs() - 0.3).hypot(p.y) < 0.1;
-        assert_eq!(count(&rods, &[identity]), 2);
-        assert_eq!(count(&rods, &[identity, mirror]), 1);
-        assert_eq!(count(&|_| false, &[identity]), 0);
+        assert_eq!(look(&identity, &rods), (2, true));
+        assert_eq!(look(&[identity[0], mirror], &rods), (1, true));
+        assert_eq!(look(&identity, &|_| false), (0, false));
+    }
+
+    #[test]
+    fn pieces_around_a_vertex_an_edge_or_a_face_go_nowhere() {
+        let identity = [Mat3::identity()];
+        let ball = |p: Vec3| p.abs().add_scalar(-0.5).norm() < 0.3;
+        assert_eq!(look(&identity, &ball), (8, false));
+        let rod = |p: Vec3| (p.x - 0.5).hypot(p.y - 0.5) < 0.2;
+        assert_eq!(look(&identity, &|p| rod(p) && p.z.abs() < 0.3), (1, false));
+        assert_eq!(look(&identity, &rod), (1, true));
+        assert_eq!(
+            look(&identity, &|p: Vec3| (p - Vec3::x() * 0.5).norm() < 0.3),
+            (1, false)
+        );
+        // Across an edge of a plate, a rod along z is alone.
+        let planar = pieces(Element::Hex, &identity, true, |p| rod(p.0));
+        assert!(!planar.goes_through);
     }
 }

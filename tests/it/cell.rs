@@ -108,19 +108,16 @@ fn the_gyroid_has_the_solid_shares_of_its_literature() {
     );
 }
 
-#[test]
-fn values_gradients_and_bounds_are_those_of_the_reference() {
+/// The cells of the reference numbers for gradients, each with its case.
+pub fn reference_cells() -> Vec<(Value, Cell)> {
     let data: Value = serde_json::from_str(include_str!("../data/gradients.json")).unwrap();
-    for (id, element, lattice) in [
+    let made = [
         ("tet4", Element::Tet, "fcc2"),
         ("hex8", Element::Hex, "cubic"),
-    ] {
-        let case = data["cases"]
-            .as_array()
-            .unwrap()
-            .iter()
-            .find(|c| c["id"] == id)
-            .unwrap();
+    ]
+    .map(|(id, element, lattice)| {
+        let cases = data["cases"].as_array().unwrap();
+        let case = cases.iter().find(|c| c["id"] == id).unwrap();
         let (group, lattice) = Cell::symmetry(element, Some(lattice)).unwrap();
         let mut terms = Vec::new();
         for c in case["coefficients"].as_array().unwrap() {
@@ -131,6 +128,16 @@ fn values_gradients_and_bounds_are_those_of_the_reference() {
             }
         }
         let series = Series::new(group, lattice, &terms).unwrap();
+        (case.clone(), Cell::new(id, element, series).unwrap())
+    });
+    made.to_vec()
+}
+
+#[test]
+fn values_gradients_and_bounds_are_those_of_the_reference() {
+    for (case, cell) in reference_cells() {
+        let (id, element) = (cell.name(), cell.element());
+        let series = cell.series().unwrap();
         for p in case["points"].as_array().unwrap() {
             let (v, g) = series.value_and_gradient(CellPoint(vec3(&p["xi"])));
             assert!((v - p["Phi"].as_f64().unwrap()).abs() < 1e-9, "{id}");
@@ -149,7 +156,6 @@ fn values_gradients_and_bounds_are_those_of_the_reference() {
             series.hessian_bound(),
             number("M2_coefficient_bound")
         ));
-        let cell = Cell::new(id, element, series).unwrap();
         let table = Table::new(&cell).unwrap();
         let found = number("max|grad| found by 60000 random points (<= L_rigorous)");
         assert!(table.gradient_sup() < l1);

@@ -6,8 +6,8 @@
 
 use druse::frame::{LengthUnit, Vec3};
 use druse::io::{
-    ErrorClass, ReadError, read_cell, read_elements, read_mesh, read_npy, read_points,
-    read_polymesh, read_skeleton, write_mesh,
+    ErrorClass, ReadError, read_cell, read_columns, read_elements, read_mesh, read_npy,
+    read_points, read_polymesh, read_skeleton, write_mesh,
 };
 use druse::mesh::TriMesh;
 use druse::polymesh::{LoadOptions, NoFiles, Script, ScriptError, Workshop};
@@ -170,6 +170,11 @@ fn scaffold(path: &Path) -> Result<(), Refusal> {
     Ok(read_elements(path).map(drop)?)
 }
 
+fn fields(path: &Path) -> Result<(), Refusal> {
+    let text = String::from_utf8_lossy(&fs::read(path).unwrap()).into_owned();
+    Ok(read_columns(path, &text, &["x", "y", "z", "w"]).map(drop)?)
+}
+
 fn recipe(path: &Path) -> Result<(), Refusal> {
     Ok(Recipe::read(path, &[]).map(drop)?)
 }
@@ -187,6 +192,9 @@ const DECK: &str = "*NODE\n1,0,0,0\n2,1,0,0\n3,1,1,0\n4,0,1,0\n5,0,0,1\n6,1,0,1\
 9,.5,0,2\n10,.5,1,2\n*ELEMENT,TYPE=C3D8,ELSET=LOW\n1,1,2,3,4,5,6,7,8\n\
 *ELEMENT,TYPE=C3D6\n2,5,6,9,8,7,10\n*ELSET,ELSET=ALL,GENERATE\n1,2,1\n*ELSET,ELSET=BOTH\nLOW,2\n";
 /// A square and a triangle.
+const FIELDS: &str = "x,y,z,w\n0,0,0,1\n1,0,0,2.5\n0,1,0,-3e2\n";
+const PLANE: &str = "# vtk DataFile Version 3.0\nplane\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS 5 float\n\
+    0 0 0 1 0 0 1 1 0 0 1 0 2 0 0\nCELLS 2 9\n4 0 1 2 3\n3 1 4 2\nCELL_TYPES 2\n9\n5\n";
 const OFF: &str = "OFF\n5 2 0\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n2 0 0\n4 0 1 2 3\n3 1 4 2\n";
 
 /// Files of the scaffolds' test data.
@@ -326,6 +334,18 @@ fn formats() -> Vec<Format> {
             scaffold,
         ),
         row("inp", "inp", vec![DECK.as_bytes().to_vec()], scaffold),
+        row(
+            "fields csv",
+            "csv",
+            vec![FIELDS.as_bytes().to_vec()],
+            fields,
+        ),
+        row(
+            "surface vtk",
+            "vtk",
+            vec![PLANE.as_bytes().to_vec()],
+            scaffold,
+        ),
         row("off", "off", vec![OFF.as_bytes().to_vec()], scaffold),
         row("cell", "cell", cells(), cell),
         row("npy", "npy", arrays(), array),

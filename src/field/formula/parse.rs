@@ -1,5 +1,6 @@
 //! From the text of a formula to its program: precedence climbing over one character at a time.
 
+use super::noise::noise;
 use super::{DEEPEST, FormulaError, LONGEST, STACK, Step};
 
 /// Functions by name.
@@ -12,7 +13,7 @@ enum Function {
     Many(fn(f64, f64) -> f64),
 }
 
-const FUNCTIONS: [(&str, Function); 28] = [
+const FUNCTIONS: [(&str, Function); 30] = [
     ("sin", Function::One(f64::sin)),
     ("cos", Function::One(f64::cos)),
     ("tan", Function::One(f64::tan)),
@@ -42,6 +43,11 @@ const FUNCTIONS: [(&str, Function); 28] = [
         Function::Two(|edge, x| f64::from(u8::from(x >= edge))),
     ),
     ("smoothstep", Function::Three(smoothstep)),
+    (
+        "ramp",
+        Function::Three(|from, to, x| ((x - from) / (to - from)).clamp(0.0, 1.0)),
+    ),
+    ("noise", Function::Three(noise)),
     ("mix", Function::Three(|a, b, t| a + (b - a) * t)),
     ("clamp", Function::Three(|x, lo, hi| x.max(lo).min(hi))),
     ("min", Function::Many(f64::min)),

@@ -262,7 +262,7 @@ fn fields_of_files_set_weights() {
     let more = share(&with(BLOCK, &mapped, 0.08));
     assert!(more > mean + 0.01, "{more} {mean}");
     let missing = tiling("").replace("field = \"w\"", "field = \"v\"");
-    assert!(error(&with(BLOCK, &missing, 0.2)).contains("x, y, z and v"));
+    assert!(error(&with(BLOCK, &missing, 0.2)).contains("x,y,z,v"));
 }
 
 #[test]
@@ -273,7 +273,8 @@ fn points_are_probed_inside_and_outside() {
         0.1,
     );
     let recipe = recipe(&text);
-    let probe = Probe::new(&recipe, &RunOptions::default(), &Silent).unwrap();
+    let options = RunOptions::default();
+    let probe = Probe::new(&recipe, &options, &Silent).unwrap();
     assert_eq!(probe.cells(), ["thin", "thick"]);
     let points = [[1.5, 0.5, 0.5], [9.0, 0.0, 0.0], [4.7, 1.3, 0.2]];
     let [tables, exact] = [false, true].map(|e| probe.evaluate(&points, e).unwrap());
@@ -301,5 +302,100 @@ fn points_are_probed_inside_and_outside() {
             "weight_thin",
             "weight_thick"
         ]
+    );
+}
+
+#[test]
+fn smooth_transitions_have_their_share_whatever_says_the_weights() {
+    let shares = "transition = [{ cell = \"thin\", weight = \"1 - bx\" }, { cell = \"thick\", weight = \"bx\" }]";
+    let halves = "assign = [{ cell = \"thin\" }, { cell = \"thick\", where = \"x - 3\" }]";
+    for tiling in [shares, halves] {
+        let smooth = format!("{tiling}\ninterpolation = \"smooth\"\ncertificate = true");
+        let found = report(&with(BLOCK, &smooth, 0.1));
+        let jump = found.continuity.as_ref().unwrap().value_jump_max;
+        assert!(jump < 1e-5, "{jump}");
+        let mean = halfway(0.1);
+        let own = found.solid.volume_fraction.unwrap();
+        assert!((own - mean).abs() < 0.015, "{own} {mean}");
+    }
+    let graded =
+        "cell = \"thin\"\nvolume_fraction = \"0.2 + 0.3 * bx\"\ninterpolation = \"smooth\"";
+    let own = share(&with(BLOCK, graded, 0.1));
+    assert!((own - halfway(0.1)).abs() < 0.02, "{own}");
+}
+
+/// A grid of OpenVDB says the weights; what it says where it has no voxels is the recipe's choice.
+#[test]
+fn volumes_set_weights() {
+    let directory = tempfile::tempdir().unwrap();
+    // Distances of a half space's side: positive on the right, negative on the left.
+    let text = "druse = 1\n[band]\nvoxel_size = 0.25\nhalf_width = 20\n[[op]]\nunion = { box = { size = [12, 4, 4], centre = [-3, 1, 1] } }\n\
+                [[output]]\nvdb = \"side.vdb\"\nunit = \"mm\"\n";
+    let options = RunOptions {
+        out: Some(directory.path().to_owned()),
+        ..RunOptions::default()
+    };
+    run(&recipe(text), &options, &Silent).unwrap();
+    let tiling = |more: &str| {
+        let path = directory.path().join("side.vdb");
+        let field = format!(
+            "{{ file = \"{}\", field = \"surface\"{more} }}",
+            path.display()
+        );
+        format!(
+            "transition = [{{ cell = \"thin\", weight = 0 }}, {{ cell = \"thin\", weight = 1 }}, {{ cell = \"thick\", weight = {field} }}]"
+        )
+    };
+    // Mapped to an even share on both sides of the plane x = 3, or to all of the thick cell.
+    let even = share(&with(BLOCK, &tiling(", map = [[-0.1, 0], [0.1, 1]]"), 0.1));
+    let all = share(&with(BLOCK, &tiling(", map = [[-9, 9]]"), 0.1));
+    assert!(all > even + 0.05, "{all} {even}");
+    let short = with(
+        "box = { size = [30, 2, 2], cell_size = 1 }",
+        &tiling(", outside = \"error\""),
+        0.2,
+    );
+    let text = error(&short);
+    assert!(
+        text.contains("lies outside") && text.contains("outside = 0.5"),
+        "{text}"
+    );
+    for outside in ["\"nearest\"", "2.5"] {
+        let text = short.replace("\"error\"", outside);
+        assert!(error(&text).is_empty(), "{}", error(&text));
+    }
+    let text = error(&short.replace("\"error\"", "\"far\""));
+    assert!(text.contains("nearest"), "{text}");
+    let text = error(&short.replace("\"surface\"", "\"temperature\""));
+    assert!(text.contains("temperature"), "{text}");
+}
+
+#[test]
+fn a_cell_in_pieces_is_told_with_the_one_that_is_not() {
+    let palette = "druse = 1\n[cell.loose]\nsurface = \"schwarz_p\"\nvolume_fraction = 0.15\n\
+                   [cell.sound]\nsurface = \"schwarz_p\"\nvolume_fraction = 0.4\n\
+                   [cell.thick]\nsurface = \"schwarz_p\"\nvolume_fraction = 0.6\n\
+                   [scaffold]\nbox = { size = [6, 2, 2], cell_size = 1 }\n[band]\nvoxel_size = 0.2\n[tiling]\n";
+    let tiling = |cells: &[&str]| {
+        let share = |c: &&str| format!("{{ cell = \"{c}\", weight = 1 }}");
+        let shares: Vec<String> = cells.iter().map(share).collect();
+        format!("{palette}transition = [{}]\n", shares.join(", "))
+    };
+    let told = |cells: &[&str]| -> Vec<String> {
+        let warnings = report(&tiling(cells)).warnings;
+        let own = warnings.into_iter().filter(|w| w.code == "W110");
+        own.map(|w| w.message).collect()
+    };
+    assert!(told(&["sound", "thick"]).is_empty());
+    let messages = told(&["loose", "thick", "sound"]);
+    assert_eq!(messages.len(), 2, "{messages:?}");
+    let first = &messages[0];
+    assert!(
+        first.contains("\"loose\" is in pieces by itself"),
+        "{first}"
+    );
+    assert!(
+        first.contains("weight 0;") && first.contains("\"sound\""),
+        "{first}"
     );
 }

@@ -5,7 +5,7 @@ use super::{options, scaffold};
 use crate::strategy::Noise;
 use druse::field::{Field, Interval};
 use druse::frame::{CellBox, CellPoint, Element, Vec3, WorldPoint};
-use druse::scaffold::{Kind, Scaffold};
+use druse::scaffold::{Connectivity, Kind, Scaffold};
 use druse::tiling::{Boundary, CellField, Distance, TiledSolid, TilingOptions};
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
@@ -228,4 +228,42 @@ fn two_steps_reach_the_gyroids_distance() {
     assert!(count > 20_000);
     assert!(rms(distance) <= 0.005, "{}", rms(distance));
     assert!(rms(slope) <= 0.011, "{}", rms(slope));
+}
+
+/// Values, gradients and distances of first order at points of the world, through the maps of single
+/// elements.
+#[test]
+fn fields_in_the_world_are_the_reference_numbers() {
+    for (case, cell) in crate::cell::reference_cells() {
+        let vector = |v: &serde_json::Value| Vec3::from([0, 1, 2].map(|i| v[i].as_f64().unwrap()));
+        let nodes: Vec<Vec3> = case["nodes"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .map(vector)
+            .collect();
+        let kind = if nodes.len() == 4 {
+            Kind::Tet4
+        } else {
+            Kind::Hex8
+        };
+        let mut elements = Connectivity::default();
+        elements.push(kind, &(0..nodes.len() as u32).collect::<Vec<_>>());
+        let s = Scaffold::new(nodes, elements).unwrap();
+        let tiled = TiledSolid::new(&s, &cell, options(0.01)).unwrap();
+        for point in case["points"].as_array().unwrap() {
+            let found = tiled.sample(WorldPoint(vector(&point["x"]))).unwrap();
+            let phi = point["Phi"].as_f64().unwrap();
+            let gradient = vector(&point["grad_x=J^-T grad_xi"]);
+            assert!((found.reference.0 - vector(&point["xi"])).norm() < 1e-6);
+            assert!((found.phi - phi).abs() < 1e-6 * gradient.norm(), "{kind:?}");
+            assert!(
+                (found.gradient - gradient).norm() < 1e-5 * gradient.norm(),
+                "{kind:?}"
+            );
+            let first = found.phi / found.gradient.norm();
+            let wanted = point["first_order_distance"].as_f64().unwrap();
+            assert!((first - wanted).abs() < 1e-5, "{first} {wanted}");
+        }
+    }
 }

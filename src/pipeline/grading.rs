@@ -1,0 +1,69 @@
+//! Gradings: from a level, volume fraction or thickness asked for to shifts of a cell's field.
+
+use super::error::RunError;
+use super::palette::Entry;
+use crate::field::Field;
+use crate::frame::{CellPoint, Element, Vec3};
+use crate::scaffold::Scaffold;
+use crate::tiling::CellField;
+
+/// Levels tabulated over a graded quantity.
+const GRADES: usize = 9;
+
+/// World length per reference length of a shape at every node: the mean of the elements around it.
+pub(super) fn scales(scaffold: &Scaffold, shape: Element) -> Vec<f64> {
+    let mut sums = vec![(0.0, 0.0); scaffold.nodes().len()];
+    for e in scaffold.elements() {
+        let scale =
+            (e.volume().abs() / e.shape().measure()).cbrt() * e.shape().edge() / shape.edge();
+        for &n in e.nodes() {
+            let s = &mut sums[n as usize];
+            *s = (s.0 + scale, s.1 + 1.0);
+        }
+    }
+    let mean = |(sum, count): (f64, f64)| if count > 0.0 { sum / count } else { 1.0 };
+    sums.into_iter().map(mean).collect()
+}
+
+/// Shifts of the normalised field that give a cell the level asked for, over the quantity's range.
+pub(super) fn shifts(
+    entry: &Entry,
+    key: &str,
+    (low, high): (f64, f64),
+) -> Result<Vec<(f64, f64)>, RunError> {
+    let cell = &entry.cells[0];
+    let fault = |e: crate::cell::CellError| RunError::Cell {
+        key: format!("{key} of cell.{}", entry.name),
+        fault: e.into(),
+    };
+    let steps = if high - low > 1e-9 * high.abs().max(1e-9) {
+        GRADES
+    } else {
+        1
+    };
+    let mut found = Vec::new();
+    for i in 0..steps {
+        let t = i as f64 / (steps - 1).max(1) as f64;
+        let at = low + (high - low) * t;
+        let level = match key {
+            "tiling.level" => at,
+            "tiling.volume_fraction" => cell.level_for_volume_fraction(at).map_err(fault)?,
+            _ => cell.level_for_thickness(at).map_err(fault)?,
+        };
+        let other = cell
+            .clone()
+            .with_solid(cell.solid(), level)
+            .map_err(fault)?;
+        // Off the middle of a sheet, where its field has a kink.
+        let p = CellPoint(Vec3::new(0.13, 0.07, -0.05));
+        let shift = Field::value(cell, p) - Field::value(&other, p);
+        found.push((at, shift / CellField::gradient_rms(&entry.tables[0])));
+    }
+    Ok(found)
+}
+
+/// What a table of pairs has for a value.
+pub(super) fn interpolated(table: &[(f64, f64)], v: f64) -> f64 {
+    let pairs: Vec<[f64; 2]> = table.iter().map(|&(a, b)| [a, b]).collect();
+    super::varying::mapped(&pairs, v)
+}
