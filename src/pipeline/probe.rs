@@ -171,7 +171,7 @@ fn probe<C: CellField>(
             points.par_iter().map(at).collect()
         }
         Filled::Many(blend) => {
-            let tiled = TiledSolid::new(scaffold, blend, options).map_err(failed)?;
+            let tiled = TiledSolid::new(scaffold, &**blend, options).map_err(failed)?;
             let at = |&p: &Vec3| one(p, tiled.value(WorldPoint(p)), filled);
             points.par_iter().map(at).collect()
         }

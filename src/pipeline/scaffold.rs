@@ -71,6 +71,10 @@ pub(super) fn load(inputs: &mut Inputs, section: &ScaffoldSection) -> Result<Loa
     if section.skip_inverted {
         raw = without_inverted(inputs, raw)?;
     }
+    if section.all_quad {
+        let cut = raw.scaffold.all_quad().map_err(fail)?;
+        raw = raw.divided(cut);
+    }
     if section.all_hex {
         let cut = raw.scaffold.all_hex().map_err(fail)?;
         raw = raw.divided(cut);

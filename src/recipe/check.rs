@@ -254,6 +254,13 @@ fn scaffold_keys(scaffold: &ScaffoldSection, source: &Source) -> Checked {
             "shell and plate belong to a surface: expected file or crystal beside them",
         ));
     }
+    if scaffold.all_quad && scaffold.shell.is_none() && scaffold.plate.is_none() {
+        return Err(source.fault(
+            "scaffold.all_quad",
+            "all_quad cuts the triangles and quads of a surface; expected shell or plate beside it \
+             (all_hex cuts solids)",
+        ));
+    }
     if scaffold.crystal.is_some() && scaffold.shell.is_none() {
         return Err(source
             .fault(

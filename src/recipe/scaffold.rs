@@ -34,6 +34,9 @@ pub struct ScaffoldSection {
     pub skip_inverted: bool,
     /// Cut every element into hexes at its corners: tets into 4, wedges into 6, hexes into 8.
     pub all_hex: bool,
+    /// Cut every triangle of a `shell` or `plate` into 3 quads at its corners, every quad into 4: so mixed
+    /// meshes get one kind of cell, of the whole thickness.
+    pub all_quad: bool,
     /// Split every element in two along every edge, so often.
     pub refine: u32,
     /// Cut every hex so often along each axis.

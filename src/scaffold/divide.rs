@@ -1,4 +1,4 @@
-//! Elements cut into smaller ones: refinement, repetition, midpoint subdivision.
+//! Elements cut into smaller ones: refinement, repetition, midpoint subdivision in space and in the plane.
 //!
 //! The parts of an element are given by the parametric coordinates of their nodes, multiples of a
 //! common fraction. A node is named by the corners of its element and their shares in it, so that
@@ -39,6 +39,8 @@ enum Pattern {
     Halve,
     /// Hexes at the corners.
     Midpoint,
+    /// The same in the plane only: prisms at the corners of a prism's base, of its whole height.
+    Columns,
 }
 
 impl Pattern {
@@ -47,6 +49,7 @@ impl Pattern {
             Self::Repeat(_) => "repeat",
             Self::Halve => "refine",
             Self::Midpoint => "all_hex",
+            Self::Columns => "all_quad",
         }
     }
 
@@ -55,27 +58,19 @@ impl Pattern {
         match self {
             Self::Repeat(k) => k,
             Self::Halve => 2,
-            Self::Midpoint => 12,
+            Self::Midpoint | Self::Columns => 12,
         }
     }
 
     fn parts(self, kind: Kind) -> Option<Vec<Part>> {
         match (self, kind.shape()) {
-            (Self::Repeat(k), Element::Hex) => Some(bricks(kind, k)),
-            (Self::Halve, Element::Hex) => Some(bricks(kind, 2)),
+            (Self::Repeat(k), Element::Hex) => Some(bricks(kind, [k; 3], [1; 3])),
+            (Self::Halve, Element::Hex) => Some(bricks(kind, [2; 3], [1; 3])),
             (Self::Halve, Element::Tet) => Some(eighths(kind)),
             (Self::Halve, Element::Wedge) => Some(half_wedges(kind)),
-            (Self::Midpoint, Element::Hex) => Some(
-                bricks(all_hex(kind), 2)
-                    .into_iter()
-                    .map(|mut p| {
-                        for c in p.corners.iter_mut().flatten() {
-                            *c *= 6;
-                        }
-                        p
-                    })
-                    .collect(),
-            ),
+            (Self::Midpoint, Element::Hex) => Some(bricks(all_hex(kind), [2; 3], [6; 3])),
+            (Self::Columns, Element::Hex) => Some(bricks(all_hex(kind), [2, 2, 1], [6, 6, 12])),
+            (Self::Columns, Element::Wedge) => Some(columns(kind)),
             (Self::Midpoint, Element::Tet | Element::Wedge) => Some(corner_hexes(kind)),
             _ => None,
         }
@@ -110,6 +105,15 @@ impl Scaffold {
     /// [`ScaffoldError::NoParts`] for pyramids, whose apex has four edges; [`ScaffoldError::TooMany`].
     pub fn all_hex(&self) -> Result<Divided, ScaffoldError> {
         self.divided(Pattern::Midpoint)
+    }
+
+    /// Every wedge cut into 3 hexes, every hex into 4, along the third reference direction: the
+    /// triangles and quads of a plate or shell become quads around their corners, its thickness stays.
+    ///
+    /// # Errors
+    /// [`ScaffoldError::NoParts`] for other elements, [`ScaffoldError::TooMany`].
+    pub fn all_quad(&self) -> Result<Divided, ScaffoldError> {
+        self.divided(Pattern::Columns)
     }
 
     fn divided(&self, pattern: Pattern) -> Result<Divided, ScaffoldError> {
@@ -229,29 +233,42 @@ fn corner_shares(family: Family, [x, y, z]: [i64; 3], n: i64) -> Vec<i64> {
     }
 }
 
-fn bricks(kind: Kind, k: i64) -> Vec<Part> {
+/// Bricks, so many along each axis, of these edges.
+fn bricks(kind: Kind, counts: [i64; 3], edges: [i64; 3]) -> Vec<Part> {
     let mut all = Vec::new();
-    for z in 0..k {
-        for y in 0..k {
-            for x in 0..k {
+    for z in 0..counts[2] {
+        for y in 0..counts[1] {
+            for x in 0..counts[0] {
+                let corner = |c: &[u8; 3]| {
+                    let at = [0, 1, 2].map(|a| [x, y, z][a] + i64::from(c[a]));
+                    [0, 1, 2].map(|a| at[a] * edges[a])
+                };
                 all.push(Part {
                     kind,
-                    corners: Kind::Hex8
-                        .lattice()
-                        .iter()
-                        .map(|c| {
-                            [
-                                x + i64::from(c[0]),
-                                y + i64::from(c[1]),
-                                z + i64::from(c[2]),
-                            ]
-                        })
-                        .collect(),
+                    corners: Kind::Hex8.lattice().iter().map(corner).collect(),
                 });
             }
         }
     }
     all
+}
+
+/// The prisms over the three quads of a triangle.
+fn columns(kind: Kind) -> Vec<Part> {
+    let corners = [[0, 0], [12, 0], [0, 12]];
+    let middle = |i: usize| -> [i64; 2] {
+        let (a, b) = (corners[i], corners[(i + 1) % 3]);
+        [0, 1].map(|axis| (a[axis] + b[axis]) / 2)
+    };
+    let quad = |i: usize| [corners[i], middle(i), [4, 4], middle((i + 2) % 3)];
+    let part = |i: usize| Part {
+        kind: all_hex(kind),
+        corners: [0, 12]
+            .into_iter()
+            .flat_map(|z| quad(i).map(|[x, y]| [x, y, z]))
+            .collect(),
+    };
+    (0..3).map(part).collect()
 }
 
 /// The tets at the corners, and the octahedron between them cut around the diagonal from the middle

@@ -17,7 +17,10 @@ const MAY_USE: &[(&str, &[&str])] = &[
         &["symmetry", "field", "mesh", "frame", "progress", "sets"],
     ),
     ("scaffold", &["frame", "mesh", "progress", "sets"]),
-    ("tiling", &["cell", "scaffold", "field", "frame", "mesh"]),
+    (
+        "tiling",
+        &["cell", "scaffold", "field", "frame", "mesh", "sets"],
+    ),
     (
         "polymesh",
         &["mesh", "scaffold", "frame", "progress", "symmetry"],

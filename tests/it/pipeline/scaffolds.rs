@@ -3,6 +3,7 @@
 use super::recipe;
 use druse::pipeline::{Probe, Report, RunError, RunOptions, run};
 use druse::progress::Silent;
+use druse::recipe::Recipe;
 use std::f64::consts::PI;
 use std::fmt::Write as _;
 
@@ -15,6 +16,10 @@ fn error(text: &str) -> String {
     run(&recipe(text), &options, &Silent)
         .err()
         .map_or_else(String::new, |e: RunError| e.to_string())
+}
+
+fn parse_error(text: &str) -> String {
+    Recipe::parse(text, &[]).unwrap_err().to_string()
 }
 
 /// A recipe of a scaffold and a tiling, with two cells of known volume.
@@ -70,6 +75,31 @@ fn assigned_cells_fill_their_elements_and_pass_between() {
         0.2,
     ));
     assert!(text.contains("no group \"left\""), "{text}");
+}
+
+#[test]
+fn cells_and_cuts_that_do_not_go_with_the_scaffold_are_named() {
+    let transition =
+        "transition = [{ cell = \"thin\", weight = 1 }, { cell = \"thick\", weight = 1 }]";
+    let of_tet = with(BLOCK, transition, 0.2).replacen(
+        "[cell.thick]\n",
+        "[cell.thick]\nelement = \"tet\"\n",
+        1,
+    );
+    let text = error(&of_tet);
+    assert!(
+        text.contains("cell.thick") && text.contains("made for a tet"),
+        "{text}"
+    );
+    let nowhere = "assign = [{ cell = \"thin\" }, { cell = \"thick\", where = \"x - 99\" }]";
+    let text = error(&with(BLOCK, nowhere, 0.2));
+    assert!(
+        text.contains("tiling.assign.1: no element is in it"),
+        "{text}"
+    );
+    let quads = format!("{BLOCK}\nall_quad = true");
+    let text = parse_error(&with(&quads, "cell = \"thin\"", 0.2));
+    assert!(text.contains("expected shell or plate"), "{text}");
 }
 
 #[test]
@@ -364,7 +394,7 @@ fn volumes_set_weights() {
         let text = short.replace("\"error\"", outside);
         assert!(error(&text).is_empty(), "{}", error(&text));
     }
-    let text = error(&short.replace("\"error\"", "\"far\""));
+    let text = parse_error(&short.replace("\"error\"", "\"far\""));
     assert!(text.contains("nearest"), "{text}");
     let text = error(&short.replace("\"surface\"", "\"temperature\""));
     assert!(text.contains("temperature"), "{text}");

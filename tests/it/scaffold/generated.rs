@@ -2,7 +2,7 @@
 
 use crate::strategy::{Noise, cell_point, mesh};
 use druse::frame::{Aabb, Element, Vec3, WorldPoint};
-use druse::scaffold::{Connectivity, Divided, Kind, Scaffold, ScaffoldError, Surface};
+use druse::scaffold::{Connectivity, Divided, Kind, Neighbour, Scaffold, ScaffoldError, Surface};
 use proptest::prelude::*;
 use std::f64::consts::PI;
 
@@ -112,6 +112,36 @@ fn mixed_meshes_become_hexes_that_fit() {
     assert_eq!(cut.scaffold.len(), 8 + 6 + 4);
     assert!(is_sound(&cut.scaffold));
     assert!((volume(&cut.scaffold) - volume(&whole)).abs() < 1e-12);
+}
+
+/// Meshes of triangles and of quads become quads that fit, one layer of the same thickness.
+#[test]
+fn shells_become_quads_that_fit() {
+    for (kind, parts) in [(Kind::Tri3, 3), (Kind::Quad4, 4)] {
+        let shell = tube(kind, 7).shell(0.4).unwrap();
+        let cut = shell.all_quad().unwrap();
+        assert_eq!(cut.scaffold.len(), shell.len() * parts, "{kind:?}");
+        assert_eq!(
+            cut.scaffold.report().kinds,
+            vec![(Kind::Hex8, shell.len() * parts)]
+        );
+        assert!(is_sound(&cut.scaffold));
+        assert!((volume(&cut.scaffold) - volume(&shell)).abs() < 1e-9);
+        // Every part has outer faces above and below: the thickness is not cut.
+        let outer = |e: usize| {
+            let own = cut.scaffold.faces_of(e);
+            own.filter(|f| cut.scaffold.neighbour(*f) == Neighbour::Outside)
+                .count()
+        };
+        assert!((0..cut.scaffold.len()).all(|e| outer(e) >= 2));
+    }
+    let tets = Scaffold::box_grid(Vec3::repeat(1.0), [1, 1, 1], Kind::Tet4).unwrap();
+    assert!(
+        tets.all_quad()
+            .unwrap_err()
+            .to_string()
+            .contains("all_quad")
+    );
 }
 
 #[test]
