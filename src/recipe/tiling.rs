@@ -156,7 +156,7 @@ impl<'de> Deserialize<'de> for Outside {
                 match v {
                     "nearest" => Ok(Outside::Nearest),
                     "error" => Ok(Outside::Error),
-                    _ => Err(E::unknown_variant(v, &["nearest", "error"])),
+                    _ => Err(E::unknown_variant(v, &["nearest", "error", "a number"])),
                 }
             }
         }

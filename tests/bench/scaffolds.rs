@@ -44,13 +44,7 @@ fn block(kind: Kind) -> Scaffold {
 
 fn main() {
     println!("kind      ns per cell value  ns per band voxel  ratio to value with gradient, twice");
-    for kind in [
-        Kind::Tet4,
-        Kind::Tet10,
-        Kind::Hex8,
-        Kind::Hex20,
-        Kind::Hex27,
-    ] {
+    for kind in Kind::solids().filter(|k| matches!(k.shape(), Element::Tet | Element::Hex)) {
         let scaffold = block(kind);
         let surface = if kind.shape() == Element::Tet {
             Surface::Diamond

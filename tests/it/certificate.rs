@@ -87,13 +87,7 @@ proptest! {
 
 #[test]
 fn tables_are_continuous_to_their_precision() {
-    for kind in [
-        Kind::Tet4,
-        Kind::Tet10,
-        Kind::Hex8,
-        Kind::Hex20,
-        Kind::Hex27,
-    ] {
+    for kind in Kind::solids() {
         let s = (0..).find_map(|seed| scaffold(kind, 0.08, seed)).unwrap();
         let cell = random_cell(kind.shape(), None, 5);
         let table = Table::new(&cell).unwrap();
