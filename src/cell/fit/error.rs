@@ -93,7 +93,7 @@ pub enum FitError {
     /// The conjugate gradients did not arrive.
     #[error(
         "the iterative least squares left a residual of {residual:e} after {steps} steps; expected \
-         1e-11: raise the regularisation or choose the dense solver"
+         1e-8: raise the regularisation or choose the dense solver"
     )]
     NotConverged {
         /// Steps taken.
