@@ -16,7 +16,7 @@ mod bridge {
     use std::path::{Path, PathBuf};
     use std::process::{Command, Stdio};
 
-    const PACKAGES: &str = "apt-get install g++ make cmake libopenvdb-dev libboost-dev libboost-iostreams-dev zlib1g-dev";
+    const PACKAGES: &str = "apt-get install g++ make cmake libopenvdb-dev libnanovdb-dev libboost-dev libboost-iostreams-dev zlib1g-dev";
 
     pub fn build() -> Result<(), String> {
         println!("cargo::rerun-if-changed=cpp");
@@ -79,6 +79,7 @@ mod bridge {
             "boost/uuid/uuid.hpp",
             "boost/any.hpp",
             "zlib.h",
+            "nanovdb/NanoVDB.h",
         ] {
             let own = include.join(header);
             let system = Path::new("/usr/include").join(header);

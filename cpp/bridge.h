@@ -62,6 +62,16 @@ class Block {
   std::unique_ptr<Impl> impl;
 };
 
+// Grids that one was divided into.
+class Parts {
+ public:
+  struct Impl;
+  explicit Parts(std::unique_ptr<Impl>);
+  ~Parts();
+  std::size_t len() const;
+  std::unique_ptr<Impl> impl;
+};
+
 // Pointers to the leaves of one grid, in order of origin (x, y, z); valid while the grid is unchanged.
 class LeafTable {
  public:
@@ -127,6 +137,8 @@ void block_add_leaves(Block&, rust::Slice<const std::int32_t> origins, rust::Sli
 void grid_attach(Grid&, std::unique_ptr<Block>);
 void grid_flood_fill(Grid&, const Host&);
 std::unique_ptr<Grid> grid_fog(const Grid&, const Host&);
+std::unique_ptr<Parts> grid_segments(const Grid&, const Host&);
+std::unique_ptr<Grid> parts_take(Parts&, std::size_t index);
 
 // leaves.cc: what a tree holds
 std::unique_ptr<LeafTable> leaf_table(const Grid&);
@@ -171,6 +183,9 @@ std::size_t file_add(FileOut&, const Grid&, rust::Str name, double scale, bool h
 void file_tag(FileOut&, rust::Str key, rust::Str value);
 void file_tag_grid(FileOut&, std::size_t index, rust::Str key, rust::Str value);
 std::int32_t file_write(const FileOut&, std::int32_t descriptor, std::uint32_t compression, const Host&);
+
+// nano.cc
+std::int32_t file_write_nano(const FileOut&, std::int32_t descriptor, std::uint32_t compression, const Host&);
 
 // render.cc
 void grid_trace(const Grid&, const Camera&, rust::Slice<float> hits, const Host&);

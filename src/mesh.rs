@@ -20,7 +20,10 @@ mod check;
 mod cloud;
 mod crossing;
 mod intersect;
+mod normals;
 mod openness;
+mod projection;
+mod quads;
 mod rim;
 mod shapes;
 mod skin;
@@ -33,6 +36,8 @@ pub(crate) use bvh::Bvh;
 pub use check::{Defect, Finding, MeshReport, check, check_with};
 pub use cloud::{CloudError, CloudSolid};
 pub use openness::{Hole, HopelessMesh, Openness};
+pub use projection::{Projected, Projection};
+pub use quads::QuadMesh;
 pub use skin::{Side, Skin};
 pub use solid::MeshSolid;
 pub use soup::Closest;
@@ -77,24 +82,7 @@ impl TriMesh {
     /// # Errors
     /// [`MeshError`] when an index has no vertex or a coordinate is not finite.
     pub fn new(vertices: Vec<Vec3>, triangles: Vec<[u32; 3]>) -> Result<Self, MeshError> {
-        let count = vertices.len();
-        if count > u32::MAX as usize {
-            return Err(MeshError::TooMany(count));
-        }
-        for (vertex, v) in vertices.iter().enumerate() {
-            if let Some(&value) = v.iter().find(|c| !c.is_finite()) {
-                return Err(MeshError::NotFinite { vertex, value });
-            }
-        }
-        for (triangle, t) in triangles.iter().enumerate() {
-            if let Some(&index) = t.iter().find(|&&i| i as usize >= count) {
-                return Err(MeshError::NoSuchVertex {
-                    triangle,
-                    index,
-                    count,
-                });
-            }
-        }
+        validate(&vertices, triangles.iter().copied())?;
         Ok(Self {
             vertices,
             triangles,
@@ -232,6 +220,29 @@ impl TriMesh {
         edges.dedup();
         edges
     }
+}
+
+/// Whether triangles name vertices that are there, with finite coordinates.
+fn validate(vertices: &[Vec3], triangles: impl Iterator<Item = [u32; 3]>) -> Result<(), MeshError> {
+    let count = vertices.len();
+    if count > u32::MAX as usize {
+        return Err(MeshError::TooMany(count));
+    }
+    for (vertex, v) in vertices.iter().enumerate() {
+        if let Some(&value) = v.iter().find(|c| !c.is_finite()) {
+            return Err(MeshError::NotFinite { vertex, value });
+        }
+    }
+    for (triangle, t) in triangles.enumerate() {
+        if let Some(&index) = t.iter().find(|&&i| i as usize >= count) {
+            return Err(MeshError::NoSuchVertex {
+                triangle,
+                index,
+                count,
+            });
+        }
+    }
+    Ok(())
 }
 
 /// Makes vertices of identical coordinates one, in order of first appearance.

@@ -17,12 +17,14 @@
 
 use crate::band::BandStats;
 use crate::progress::{Cancelled, Progress, Threads};
-use crate::recipe::{OutputKind, Recipe};
+use crate::recipe::{GridWord, OutputKind, Recipe};
 use std::path::PathBuf;
 use std::time::Instant;
 
+mod attributes;
 mod cells;
 mod crystals;
+mod decimate;
 mod error;
 mod estimate;
 mod filling;
@@ -31,6 +33,7 @@ mod grading;
 mod group;
 mod inputs;
 mod memory;
+mod meshing;
 mod operate;
 mod output;
 mod palette;
@@ -40,10 +43,12 @@ mod report;
 mod scaffold;
 mod scatter;
 mod shape;
+mod sites;
 mod slices;
 mod source;
 mod standalone;
 mod stock;
+mod usda;
 mod varying;
 mod volumes;
 mod wall;
@@ -57,8 +62,8 @@ pub use group::{group_fault, read_group};
 pub use plot::{Curve, Plot, plot};
 pub use probe::{Probe, Probed};
 pub use report::{
-    BandReport, ContinuityReport, Input, OutputFile, Report, ScaffoldReport, SolidReport, Stage,
-    Warning,
+    BandReport, ContinuityReport, Input, MeshFacts, OutputFile, Report, ScaffoldReport,
+    SolidReport, Stage, Warning,
 };
 pub use source::{CellFault, enter_source};
 
@@ -165,8 +170,13 @@ pub fn run(
     };
     report.solid = measured;
     report.threads = threads.count();
+    let done = output::Finished {
+        stock: &stock,
+        solid: &solid,
+        mesh: mesh.as_ref(),
+    };
     for (output, path) in &outputs.files {
-        let written = output::write(bench, recipe, output, path, &solid, mesh.as_ref())?;
+        let written = output::write(bench, done, output, path)?;
         report.outputs.extend(written);
         clock.lap("write")?;
     }
@@ -248,7 +258,12 @@ struct Targets<'a> {
 
 impl Targets<'_> {
     fn want_a_mesh(&self) -> bool {
-        self.files.iter().any(|(output, _)| output.mesh.is_some())
+        let thickness = |o: &crate::recipe::Output| {
+            let words = o.grids.as_deref().unwrap_or_default();
+            words.contains(&GridWord::Thickness)
+        };
+        let mut all = self.files.iter().map(|(output, _)| output);
+        all.any(|o| o.mesh.is_some() || thickness(o))
     }
 }
 

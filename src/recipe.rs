@@ -30,6 +30,7 @@ mod crystal;
 mod error;
 mod file;
 mod fit;
+mod grid_word;
 mod hybrid;
 mod op;
 mod operand;
@@ -48,13 +49,14 @@ pub(crate) use error::nearest;
 pub use error::{Place, RecipeError, RecipeFault};
 pub use file::{FileFrame, FileRef, Similarity, Up};
 pub use fit::{Filter, FitMethod, Solver, Symmetrise};
+pub use grid_word::GridWord;
 pub use hybrid::{Hybrid, Ingredient, Surroundings};
 pub use op::{
     Blend, DropSmall, Fillet, Flow, Hollow, Iterations, Kernel, Move, Op, Renormalise, Resample,
     Trim, UpTo,
 };
 pub use operand::{Ball, Block, Grid, Mask, Operand, Plane, Rod, Side, Single, Skin};
-pub use output::{Compression, Cut, Output, OutputKind, PictureSize};
+pub use output::{Compression, Cut, Decimate, Output, OutputKind, PictureSize, Segments};
 pub use quantity::{
     Finite, Fraction, HalfWidth, Length, Positive, QuantityError, Scale, Size, Unit, Width,
 };

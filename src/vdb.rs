@@ -61,6 +61,7 @@ mod ops;
 mod pieces;
 mod render;
 mod sampled;
+mod segments;
 mod shape;
 mod transfer;
 mod volume;

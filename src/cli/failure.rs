@@ -308,7 +308,10 @@ impl From<RunError> for Failure {
                 DATA,
                 Some("split the mesh by shape, or mesh it with one kind of element".into()),
             ),
-            RunError::Cell { .. } | RunError::Tiling(_) | RunError::Slices(_) => (DATA, None),
+            RunError::Cell { .. }
+            | RunError::Tiling(_)
+            | RunError::Decimate(_)
+            | RunError::Slices(_) => (DATA, None),
             RunError::Overwrite(_) => (CREATE, Some("name it otherwise, or use --out DIR".into())),
             RunError::Threads(_) => (IO, None),
             RunError::Band { .. } | RunError::LevelSet { .. } | RunError::Strict { .. } => {

@@ -2,6 +2,7 @@
 
 use super::workshop::{Draft, GridChoice, answer as told, extent, output_key, path_value};
 use super::{Answer, Failure, Session};
+use crate::recipe::GridWord;
 use clap::Args;
 use std::path::PathBuf;
 use toml::Value;
@@ -14,11 +15,24 @@ pub(super) struct Parameters {
     /// `keep_largest`. Bare lengths are in the file's unit; a bare number sets the first parameter.
     #[arg(required = true, value_name = "OP")]
     operations: Vec<String>,
-    /// The file to write: .vdb, or a mesh (.stl, .ply, .obj, .3mf).
+    /// The file to write: .vdb, .nvdb, or a mesh (.stl, .ply, .obj, .3mf).
     #[arg(short, long, value_name = "OUT")]
     output: PathBuf,
     #[command(flatten)]
     choice: GridChoice,
+    /// Grids of the file that is written, after a comma each [default: surface]: surface, density,
+    /// thickness.
+    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
+    grids: Vec<GridWord>,
+    /// Also write so many copies on voxels of twice, four times ... the edge.
+    #[arg(long, value_name = "N")]
+    lod: Option<u8>,
+    /// Write the connected pieces one by one: grids of the file, or files.
+    #[arg(long, value_name = "grids|files")]
+    segments: Option<String>,
+    /// Also write a USD file beside the .vdb.
+    #[arg(long)]
+    usda: bool,
     /// Worker threads [default: one per core].
     #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true)]
     threads: usize,
@@ -35,9 +49,18 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
     }
     let symbol = Value::String(unit.symbol().into());
     let key = output_key(&p.output);
+    let grids = p.grids.iter().map(|w| Value::String(w.to_string()));
+    let grids = grids.collect();
     draft.output(vec![
         (key, Some(path_value(&p.output)?)),
         ("unit", Some(symbol).filter(|_| key != "picture")),
+        (
+            "grids",
+            Some(Value::Array(grids)).filter(|_| !p.grids.is_empty()),
+        ),
+        ("lod", p.lod.map(|n| Value::Integer(n.into()))),
+        ("segments", p.segments.clone().map(Value::String)),
+        ("usda", Some(Value::Boolean(p.usda))),
     ]);
     let (report, lines) = draft.run(session, p.threads)?;
     session.note(&format!(

@@ -1,6 +1,6 @@
 //! `druse voxelize MESH -o X.vdb --voxel-size LENGTH`.
 
-use super::workshop::{Draft, answer as told, extent, path_value, table};
+use super::workshop::{Draft, answer as told, extent, length, path_value, table};
 use super::{Answer, Failure, Session};
 use crate::frame::LengthUnit;
 use clap::Args;
@@ -46,12 +46,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
     };
     let unit = own.unwrap_or(LengthUnit::Millimetre);
     let symbol = |u: LengthUnit| Some(Value::String(u.symbol().into()));
-    let voxel = Value::String(p.voxel_size.to_string());
-    let voxel = match p.voxel_size.0 {
-        crate::recipe::Length::Bare(v) => Value::Float(v),
-        _ => voxel,
-    };
-    let mut draft = Draft::new(unit, voxel, p.half_width.0);
+    let mut draft = Draft::new(unit, length(p.voxel_size), p.half_width.0);
     let mesh = table([("path", Some(path_value(&p.mesh)?)), ("unit", symbol(unit))]);
     draft.operation("union", table([("mesh", Some(mesh))]));
     draft.output(vec![

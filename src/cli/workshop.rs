@@ -3,7 +3,7 @@
 use super::{Answer, Failure, Session};
 use crate::frame::LengthUnit;
 use crate::pipeline::{Report, RunOptions, run};
-use crate::recipe::Recipe;
+use crate::recipe::{Length, Recipe, Size};
 use crate::vdb::FileInfo;
 use clap::Args;
 use std::path::Path;
@@ -147,6 +147,14 @@ impl Draft {
         });
         let lines = lines.collect();
         Ok((report, lines))
+    }
+}
+
+/// A length as a recipe writes it.
+pub(super) fn length(size: Size) -> Value {
+    match size.0 {
+        Length::Bare(v) => Value::Float(v),
+        _ => Value::String(size.to_string()),
     }
 }
 

@@ -1,7 +1,7 @@
 //! Triangle meshes by extension: one door to STL, PLY, OBJ and 3MF, and to polygon meshes and scripts.
 
 use super::atomic::AtomicFile;
-use super::{Place, ReadError, Source, WriteError, obj, ply, stl, threemf};
+use super::{Faces, MeshView, Place, ReadError, Source, WriteError, obj, ply, stl, threemf};
 use crate::frame::LengthUnit;
 use crate::mesh::TriMesh;
 use crate::polymesh::LoadOptions;
@@ -187,16 +187,18 @@ fn polygons(path: &Path) -> Result<Option<MeshFile>, ReadError> {
 /// Writes a mesh whose coordinates are in `unit`, atomically; gives the file's size in bytes.
 ///
 /// STL, PLY and 3MF hold `f32`, OBJ holds `f64`. 3MF and STL state the unit, PLY and OBJ in a comment.
+/// Quads go into PLY and OBJ, numbers at the vertices into PLY. Nothing of the mesh is copied.
 ///
 /// # Errors
 /// [`WriteError`] for an unknown extension, a place that cannot be written, a full disk, or a mesh too
-/// large for the format.
-pub fn write_mesh(
+/// large for the format or of faces or numbers that it does not hold.
+pub fn write_mesh<'a>(
     path: impl AsRef<Path>,
-    mesh: &TriMesh,
+    mesh: impl Into<MeshView<'a>>,
     unit: LengthUnit,
 ) -> Result<u64, WriteError> {
     let path = path.as_ref();
+    let mesh = &mesh.into();
     let wrong = |reason: String| WriteError::Format {
         path: path.to_owned(),
         reason,
@@ -208,20 +210,28 @@ pub fn write_mesh(
             known()
         )));
     };
+    let quads_fit = matches!(format, MeshFormat::Ply | MeshFormat::Obj);
+    if matches!(mesh.faces, Faces::Quads(_)) && !quads_fit {
+        return Err(wrong("quads; expected .ply or .obj for them".into()));
+    }
+    if !mesh.attributes.is_empty() && format != MeshFormat::Ply {
+        return Err(wrong(
+            "numbers at the vertices; expected .ply for them".into(),
+        ));
+    }
     // What is too large for f32 would be written as infinity.
     let single = format != MeshFormat::Obj;
     if let Some(c) = mesh
-        .vertices()
-        .iter()
-        .flatten()
+        .points()
+        .flat_map(|p| [p.x, p.y, p.z])
         .find(|c| single && c.abs() > f64::from(f32::MAX))
     {
         return Err(wrong(format!(
             "the coordinate {c} does not fit 32 bits; expected at most 3.4e38"
         )));
     }
-    if format == MeshFormat::Stl && mesh.triangles().len() > u32::MAX as usize {
-        let n = mesh.triangles().len();
+    if format == MeshFormat::Stl && mesh.faces.len() > u32::MAX as usize {
+        let n = mesh.faces.len();
         return Err(wrong(format!(
             "{n} triangles; STL holds at most 4294967295: use .ply"
         )));

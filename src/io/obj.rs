@@ -3,9 +3,8 @@
 use super::mesh_file::MeshFile;
 use super::polygon::Polygons;
 use super::source::quote;
-use super::{ReadError, Source};
+use super::{MeshView, ReadError, Source};
 use crate::frame::{LengthUnit, Vec3};
-use crate::mesh::TriMesh;
 use std::io::{self, Write};
 
 /// Statements that say nothing about the surface's triangles.
@@ -107,13 +106,17 @@ pub(super) fn read(mut source: Source) -> Result<MeshFile, ReadError> {
 }
 
 /// Writes text with numbers that read back exactly.
-pub(super) fn write(out: &mut dyn Write, mesh: &TriMesh, unit: LengthUnit) -> io::Result<()> {
+pub(super) fn write(out: &mut dyn Write, mesh: &MeshView, unit: LengthUnit) -> io::Result<()> {
     writeln!(out, "# druse unit={unit}")?;
-    for v in mesh.vertices() {
+    for v in mesh.points() {
         writeln!(out, "v {:?} {:?} {:?}", v.x, v.y, v.z)?;
     }
-    for [a, b, c] in mesh.triangles().iter().map(|t| t.map(|v| u64::from(v) + 1)) {
-        writeln!(out, "f {a} {b} {c}")?;
+    for face in 0..mesh.faces.len() {
+        write!(out, "f")?;
+        for &v in mesh.faces.corners(face) {
+            write!(out, " {}", u64::from(v) + 1)?;
+        }
+        writeln!(out)?;
     }
     Ok(())
 }

@@ -7,9 +7,8 @@ use super::cloud::PointFile;
 use super::mesh_file::MeshFile;
 use super::polygon::Polygons;
 use super::source::quote;
-use super::{Place, ReadError, Source};
+use super::{Faces, MeshView, Place, ReadError, Source};
 use crate::frame::{LengthUnit, Vec3};
-use crate::mesh::TriMesh;
 use std::io::{self, Write};
 
 #[derive(Clone, Copy, PartialEq)]
@@ -428,45 +427,64 @@ impl<'a> Row<'a> {
     }
 }
 
-fn head(mesh: &TriMesh, unit: LengthUnit) -> String {
+fn head(mesh: &MeshView, unit: LengthUnit) -> String {
     // Most readers take `int`; only giants need the other half of the range.
-    let index = if i32::try_from(mesh.vertices().len()).is_ok() {
+    let index = if i32::try_from(mesh.vertices.len()).is_ok() {
         "int"
     } else {
         "uint"
     };
+    let extra: String = mesh
+        .attributes
+        .iter()
+        .flat_map(|a| &a.names)
+        .map(|name| format!("property float {name}\n"))
+        .collect();
     format!(
         "ply\nformat binary_little_endian 1.0\ncomment druse unit={unit}\nelement vertex {}\n\
-         property float x\nproperty float y\nproperty float z\nelement face {}\n\
+         property float x\nproperty float y\nproperty float z\n{extra}element face {}\n\
          property list uchar {index} vertex_indices\nend_header\n",
-        mesh.vertices().len(),
-        mesh.triangles().len()
+        mesh.vertices.len(),
+        mesh.faces.len()
     )
 }
 
 /// Bytes of the file that [`write`] makes.
-pub(super) fn size(mesh: &TriMesh, unit: LengthUnit) -> u64 {
+pub(super) fn size(mesh: &MeshView, unit: LengthUnit) -> u64 {
+    let numbers: usize = mesh.attributes.iter().map(|a| a.names.len()).sum();
+    let corners: usize = match mesh.faces {
+        Faces::Triangles(t) => 3 * t.len(),
+        Faces::Quads(_) => (0..mesh.faces.len())
+            .map(|f| mesh.faces.corners(f).len())
+            .sum(),
+    };
     head(mesh, unit).len() as u64
-        + 12 * mesh.vertices().len() as u64
-        + 13 * mesh.triangles().len() as u64
+        + (12 + 4 * numbers as u64) * mesh.vertices.len() as u64
+        + mesh.faces.len() as u64
+        + 4 * corners as u64
 }
 
 /// Writes binary PLY, little-endian.
-pub(super) fn write(out: &mut dyn Write, mesh: &TriMesh, unit: LengthUnit) -> io::Result<()> {
+pub(super) fn write(out: &mut dyn Write, mesh: &MeshView, unit: LengthUnit) -> io::Result<()> {
     out.write_all(head(mesh, unit).as_bytes())?;
-    for v in mesh.vertices() {
-        let mut bytes = [0u8; 12];
-        for a in 0..3 {
-            bytes[4 * a..4 * a + 4].copy_from_slice(&(v[a] as f32).to_le_bytes());
+    let mut row = Vec::new();
+    for (n, v) in mesh.points().enumerate() {
+        row.clear();
+        for c in [v.x, v.y, v.z] {
+            row.extend((c as f32).to_le_bytes());
         }
-        out.write_all(&bytes)?;
+        for a in mesh.attributes {
+            let own = &a.values[n * a.names.len()..(n + 1) * a.names.len()];
+            row.extend(own.iter().flat_map(|c| c.to_le_bytes()));
+        }
+        out.write_all(&row)?;
     }
-    for t in mesh.triangles() {
-        let mut bytes = [3u8; 13];
-        for k in 0..3 {
-            bytes[4 * k + 1..4 * k + 5].copy_from_slice(&t[k].to_le_bytes());
-        }
-        out.write_all(&bytes)?;
+    for face in 0..mesh.faces.len() {
+        let corners = mesh.faces.corners(face);
+        row.clear();
+        row.push(corners.len() as u8);
+        row.extend(corners.iter().flat_map(|c| c.to_le_bytes()));
+        out.write_all(&row)?;
     }
     Ok(())
 }

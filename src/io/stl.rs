@@ -5,7 +5,7 @@
 
 use super::mesh_file::MeshFile;
 use super::source::quote;
-use super::{Place, ReadError, Source};
+use super::{MeshView, Place, ReadError, Source};
 use crate::frame::{LengthUnit, Vec3};
 use crate::mesh::{Merger, TriMesh};
 use std::io::{self, Write};
@@ -168,18 +168,18 @@ impl Builder {
 }
 
 /// Bytes of the file that [`write`] makes.
-pub(super) fn size(mesh: &TriMesh) -> u64 {
-    HEAD + TRIANGLE * mesh.triangles().len() as u64
+pub(super) fn size(mesh: &MeshView) -> u64 {
+    HEAD + TRIANGLE * mesh.faces.len() as u64
 }
 
 /// Writes binary STL.
-pub(super) fn write(out: &mut dyn Write, mesh: &TriMesh, unit: LengthUnit) -> io::Result<()> {
+pub(super) fn write(out: &mut dyn Write, mesh: &MeshView, unit: LengthUnit) -> io::Result<()> {
     let mut head = [b' '; 80];
     let title = format!("druse unit={unit}");
     head[..title.len()].copy_from_slice(title.as_bytes());
     out.write_all(&head)?;
-    out.write_all(&(mesh.triangles().len() as u32).to_le_bytes())?;
-    for [a, b, c] in mesh.iter_corners() {
+    out.write_all(&(mesh.faces.len() as u32).to_le_bytes())?;
+    for [a, b, c] in mesh.triangle_corners() {
         let n = (b - a)
             .cross(&(c - a))
             .try_normalize(0.0)

@@ -6,7 +6,7 @@
 
 use super::mesh_file::MeshFile;
 use super::source::quote;
-use super::{Place, ReadError};
+use super::{Faces, MeshView, Place, ReadError};
 use crate::frame::{LengthUnit, Vec3};
 use crate::mesh::TriMesh;
 use quick_xml::Reader;
@@ -367,11 +367,11 @@ const RELATIONS: &str = r#"<?xml version="1.0" encoding="UTF-8"?>
 /// Writes one object; triangles that name a vertex twice, which the format forbids, are left out.
 pub(super) fn write(
     out: &mut (impl Write + Seek),
-    mesh: &TriMesh,
+    mesh: &MeshView,
     unit: LengthUnit,
 ) -> io::Result<()> {
     // At most about 64 bytes a vertex and twice that a triangle; plain zip entries end at 4 GiB.
-    let bytes = 64 * (mesh.vertices().len() as u64 + 2 * mesh.triangles().len() as u64);
+    let bytes = 64 * (mesh.vertices.len() as u64 + 2 * mesh.faces.len() as u64);
     let options = SimpleFileOptions::default().compression_method(CompressionMethod::Deflated);
     let mut zip = ZipWriter::new(out);
     for (name, text) in [
@@ -393,14 +393,17 @@ pub(super) fn write(
         unit.name_3mf(),
         env!("CARGO_PKG_VERSION")
     )?;
-    for v in mesh.vertices() {
+    for v in mesh.points() {
         // As many digits as f32 needs, with an exponent where that is shorter: xs:double.
         let [x, y, z] = [v.x, v.y, v.z].map(|c| c as f32);
         writeln!(xml, "<vertex x=\"{x:?}\" y=\"{y:?}\" z=\"{z:?}\"/>")?;
     }
     writeln!(xml, "</vertices>\n<triangles>")?;
-    for [a, b, c] in mesh
-        .triangles()
+    let triangles = match mesh.faces {
+        Faces::Triangles(triangles) => triangles,
+        Faces::Quads(_) => &[],
+    };
+    for [a, b, c] in triangles
         .iter()
         .filter(|[a, b, c]| a != b && b != c && c != a)
     {

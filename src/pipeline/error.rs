@@ -95,6 +95,9 @@ pub enum RunError {
         /// The recipe's unit.
         unit: &'static str,
     },
+    /// Triangles could not be merged.
+    #[error("decimate: {0}")]
+    Decimate(String),
     /// A level set has other voxels than the recipe, which wants the same.
     #[error("{0}; same_voxels = true refuses that")]
     Voxels(String),

@@ -1,13 +1,15 @@
 //! The files of a run: each appears whole under its name, or not at all.
 
+use super::attributes::Attributes;
 use super::error::RunError;
 use super::operate::Bench;
 use super::report::OutputFile;
-use crate::frame::LengthUnit;
+use super::stock::Stock;
+use crate::frame::{Aabb, LengthUnit, Transform};
 use crate::io::atomic::{StagedPath, write_bytes};
 use crate::mesh::TriMesh;
-use crate::recipe::{Compression as Wanted, Op, Output, OutputKind, Recipe};
-use crate::vdb::{Compression, LevelSet, VdbWriter};
+use crate::recipe::{Compression as Wanted, GridWord, Op, Output, OutputKind, Recipe, Segments};
+use crate::vdb::{Compression, LevelSet, Placement, VdbWriter};
 use std::path::{Path, PathBuf};
 
 /// Where an output goes: beside the recipe, or under the directory asked for.
@@ -18,77 +20,196 @@ pub(super) fn target(recipe: &Recipe, out: Option<&Path>, path: &Path) -> PathBu
     }
 }
 
+/// What outputs are made of.
+#[derive(Clone, Copy)]
+pub(super) struct Finished<'a> {
+    pub stock: &'a Stock<'a>,
+    pub solid: &'a LevelSet,
+    /// Its mesh, where any output needs one.
+    pub mesh: Option<&'a TriMesh>,
+}
+
 /// Writes one output and says what was written.
 pub(super) fn write(
     bench: Bench,
-    recipe: &Recipe,
+    done: Finished,
     output: &Output,
     path: &Path,
-    solid: &LevelSet,
-    mesh: Option<&TriMesh>,
-) -> Result<Option<OutputFile>, RunError> {
+) -> Result<Vec<OutputFile>, RunError> {
+    let recipe = done.stock.recipe;
     let unit = output.unit_or_default(recipe.unit());
-    let factor = recipe.unit().to(unit);
-    let mut content_hash = None;
     let Some((kind, _)) = output.named().first().copied() else {
-        return Ok(None);
+        return Ok(Vec::new());
     };
     bench.progress.stage("write", None);
-    let shown_unit = match kind {
+    let file = |path: &Path, unit: Option<LengthUnit>| {
+        let (bytes, hash) = super::inputs::digest(path)?;
+        Ok::<_, RunError>(OutputFile {
+            path: path.display().to_string(),
+            bytes,
+            unit: unit.map(|u| u.symbol().to_owned()),
+            hash,
+            content_hash: None,
+            mesh: None,
+        })
+    };
+    Ok(match kind {
         OutputKind::Vdb => {
-            content_hash = Some(write_vdb(bench, recipe, output, path, solid, unit)?);
-            Some(unit)
+            let written = volumes(bench, done, output, path, unit)?;
+            let mut files = Vec::new();
+            for (path, content_hash) in written {
+                files.push(OutputFile {
+                    content_hash,
+                    ..file(&path, Some(unit))?
+                });
+            }
+            files
         }
         OutputKind::Mesh => {
-            let Some(mesh) = mesh else { return Ok(None) };
-            if factor == 1.0 {
-                crate::io::write_mesh(path, mesh, unit)?;
-            } else {
-                crate::io::write_mesh(path, &mesh.mapped(|v| v * factor), unit)?;
-            }
-            Some(unit)
+            let facts = super::meshing::write(bench, done, output, (path, unit))?;
+            vec![OutputFile {
+                mesh: facts,
+                ..file(path, Some(unit))?
+            }]
         }
         OutputKind::Picture => {
             let size = output.size.unwrap_or_default();
             let cut = output.cut.map(|c| (c.axis, c.at));
-            let png = solid
+            let png = done
+                .solid
                 .picture(size.0 as usize, size.1 as usize, cut, bench.session())
                 .map_err(RunError::level_set("picture"))?;
             write_bytes(path, &png)?;
-            None
+            vec![file(path, None)?]
         }
-        OutputKind::Report => return Ok(None),
-    };
-    let (bytes, hash) = super::inputs::digest(path)?;
-    Ok(Some(OutputFile {
-        path: path.display().to_string(),
-        bytes,
-        unit: shown_unit.map(|u| u.symbol().to_owned()),
-        hash,
-        content_hash,
-    }))
+        OutputKind::Report => Vec::new(),
+    })
 }
 
-fn write_vdb(
+/// The grids of an output, in order.
+fn words(recipe: &Recipe, output: &Output) -> Vec<GridWord> {
+    let fog_alone = matches!(recipe.sections().op.last(), Some(Op::Fog(true)));
+    let mut words = match &output.grids {
+        Some(words) => words.clone(),
+        None if fog_alone => Vec::new(),
+        None => vec![GridWord::Surface],
+    };
+    if (output.fog || fog_alone) && !words.contains(&GridWord::Density) {
+        words.push(GridWord::Density);
+    }
+    words
+}
+
+/// Writes the volumes of an output: paths, and hashes of what `.vdb` files say.
+fn volumes(
     bench: Bench,
-    recipe: &Recipe,
+    done: Finished,
     output: &Output,
     path: &Path,
-    solid: &LevelSet,
     unit: LengthUnit,
-) -> Result<String, RunError> {
-    let staged = StagedPath::create(path)?;
-    let fog_alone = matches!(recipe.sections().op.last(), Some(Op::Fog(true)));
-    let fog = if output.fog || fog_alone {
-        Some(
-            solid
-                .to_fog(bench.session())
-                .map_err(RunError::level_set("fog"))?,
-        )
+) -> Result<Vec<(PathBuf, Option<String>)>, RunError> {
+    let failed = RunError::level_set("segments");
+    let mut files: Vec<(PathBuf, Vec<(String, LevelSet)>)> = Vec::new();
+    if let Some(how) = output.segments {
+        let pieces = done.solid.segments(bench.session()).map_err(&failed)?;
+        let named = pieces.into_iter().enumerate().map(|(n, p)| (n + 1, p));
+        match how {
+            Segments::Grids => {
+                let grids = named.map(|(n, piece)| (format!("surface_{n}"), piece));
+                files.push((path.to_owned(), grids.collect()));
+            }
+            Segments::Files => files.extend(named.map(|(n, piece)| {
+                let own = numbered(path, n);
+                (own, vec![("surface".to_owned(), piece)])
+            })),
+        }
     } else {
-        None
+        files.push((path.to_owned(), coarser(bench, done, output)?));
+    }
+    let divided = output.segments.is_some();
+    let mut written = Vec::new();
+    for (path, grids) in files {
+        let hash = volume(bench, done, output, (&path, unit), &grids, divided)?;
+        let names = grids.iter().map(|(name, _)| name.clone());
+        let own = words(done.stock.recipe, output);
+        let own = own.iter().filter(|_| !divided).map(ToString::to_string);
+        let names: Vec<String> = own.chain(names).collect();
+        written.push((path.clone(), Some(hash)));
+        if output.usda {
+            let scene = path.with_extension("usda");
+            let bounds = done.solid.bounds().map_err(&failed)?;
+            let factor = bench.scale.unit.to(unit);
+            let in_unit = Aabb {
+                min: bounds.min * factor,
+                max: bounds.max * factor,
+            };
+            let text = super::usda::scene(&path, unit, in_unit, &names);
+            write_bytes(&scene, text.as_bytes())?;
+            written.push((scene, None));
+        }
+    }
+    Ok(written)
+}
+
+/// "part.vdb" as "part_2.vdb".
+fn numbered(path: &Path, n: usize) -> PathBuf {
+    let mut name = path.file_stem().unwrap_or_default().to_os_string();
+    name.push(format!("_{n}."));
+    name.push(path.extension().unwrap_or_default());
+    path.with_file_name(name)
+}
+
+/// Copies on coarser voxels.
+fn coarser(
+    bench: Bench,
+    done: Finished,
+    output: &Output,
+) -> Result<Vec<(String, LevelSet)>, RunError> {
+    let mut copies = Vec::new();
+    for level in 1..=i32::from(output.lod.unwrap_or(0)) {
+        let stage = format!("lod {level}");
+        bench.progress.stage(&stage, None);
+        let voxel = done.solid.voxel_size() * 2f64.powi(level);
+        let transform = Transform::new(voxel)
+            .ok_or_else(|| RunError::Empty(format!("a voxel size of {voxel}")))?;
+        let copy = done
+            .solid
+            .resampled(
+                transform,
+                done.solid.half_width(),
+                Placement::NONE,
+                bench.session(),
+            )
+            .map_err(RunError::level_set(&stage))?;
+        copies.push((format!("surface_lod_{level}"), copy));
+    }
+    Ok(copies)
+}
+
+/// Writes one `.vdb` or `.nvdb`: the grids of the output unless it is divided, and others.
+fn volume(
+    bench: Bench,
+    done: Finished,
+    output: &Output,
+    (path, unit): (&Path, LengthUnit),
+    others: &[(String, LevelSet)],
+    divided: bool,
+) -> Result<String, RunError> {
+    let recipe = done.stock.recipe;
+    let words = if divided {
+        Vec::new()
+    } else {
+        words(recipe, output)
     };
     let factor = recipe.unit().to(unit);
+    let fog = words.contains(&GridWord::Density);
+    let fog = fog.then(|| done.solid.to_fog(bench.session()));
+    let fog = fog.transpose().map_err(RunError::level_set("fog"))?;
+    let nothing = TriMesh::default();
+    let mesh = done.mesh.unwrap_or(&nothing);
+    let attributes = Attributes::new(bench, done.stock, &words, mesh, factor)?;
+    let numbers = attributes.grids(bench, done.solid)?;
+    let staged = StagedPath::create(path)?;
     let mut file = VdbWriter::new(path, bench.session())?
         .scaled(factor)
         .compression(match output.compression {
@@ -96,15 +217,24 @@ fn write_vdb(
             Some(Wanted::Zip) => Compression::Zip,
             Some(Wanted::Blosc) | None => Compression::Blosc,
         });
-    if !fog_alone {
+    let mut add = |name: &str, solid| {
         if output.half {
-            file.level_set_as_half("surface", solid)?;
+            file.level_set_as_half(name, solid)
         } else {
-            file.level_set("surface", solid)?;
+            file.level_set(name, solid)
         }
+    };
+    if words.contains(&GridWord::Surface) {
+        add("surface", done.solid)?;
+    }
+    for (name, solid) in others {
+        add(name, solid)?;
     }
     if let Some(fog) = &fog {
         file.fog("density", fog, output.half)?;
+    }
+    for (word, grid) in attributes.words().iter().zip(&numbers) {
+        file.attribute(&word.to_string(), grid)?;
     }
     let text = recipe.source().text();
     file.tag("druse.recipe", &text)?;
@@ -112,7 +242,14 @@ fn write_vdb(
     file.tag("druse.unit", unit.symbol())?;
     let voxel = bench.scale.voxel_size * factor;
     file.tag("druse.voxel_size", &voxel.to_string())?;
-    let written = file.write_to(staged.path())?;
+    let nano = path
+        .extension()
+        .is_some_and(|e| e.eq_ignore_ascii_case("nvdb"));
+    let written = if nano {
+        file.write_nano_to(staged.path())?
+    } else {
+        file.write_to(staged.path())?
+    };
     staged.commit()?;
     Ok(written.content_hash)
 }

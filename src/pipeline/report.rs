@@ -184,6 +184,25 @@ pub struct OutputFile {
     /// BLAKE3 of what it says, for level sets: equal whenever the grids are.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub content_hash: Option<String>,
+    /// Of a mesh.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub mesh: Option<MeshFacts>,
+}
+
+/// What is known of a mesh that was written.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct MeshFacts {
+    /// Triangles or quads.
+    pub faces: u64,
+    /// Vertices that were put onto edges and corners, if that was asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub creased: Option<u64>,
+    /// Vertices that a projection left where they were.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub kept: Option<u64>,
+    /// Greatest magnitude of the exact field at the others, recipe units.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub error: Option<f64>,
 }
 
 /// Something that looks wrong but does not stop a run.

@@ -11,6 +11,7 @@
 //! large visits most of the part. The ball counts if it is inscribed, that is if no other part of the
 //! surface reaches into it; in convex edges one does, and they say nothing about walls.
 
+use super::sites::{Site, Sites};
 use crate::frame::Vec3;
 use crate::mesh::TriMesh;
 use crate::progress::{Cancelled, Progress};
@@ -42,15 +43,29 @@ pub(super) fn least_wall(
     mesh: &TriMesh,
     progress: &dyn Progress,
 ) -> Result<Option<Wall>, Cancelled> {
+    let found = balls(mesh, SAMPLES, progress)?;
+    let mut walls: Vec<Wall> = found.into_iter().filter_map(|(_, wall)| wall).collect();
+    walls.sort_by(|a, b| a.thickness.total_cmp(&b.thickness));
+    Ok(walls.get(walls.len() / 100).copied())
+}
+
+/// At most so many vertices of a closed mesh, and the balls inscribed there.
+fn balls(
+    mesh: &TriMesh,
+    most: usize,
+    progress: &dyn Progress,
+) -> Result<Vec<(Vec3, Option<Wall>)>, Cancelled> {
     let points = mesh.vertices();
-    let normals = inward_normals(mesh);
-    let tree = Tree::new(points, &normals);
+    let normals: Vec<Vec3> = mesh.vertex_normals().into_iter().map(|n| -n).collect();
+    let sites = points.iter().zip(&normals);
+    let sites = sites.map(|(&place, &tag)| Site { place, tag });
+    let tree = Tree::new(sites.collect());
     let widest = mesh.bounds().size().max();
     let first = (mesh.area() / mesh.triangles().len().max(1) as f64).sqrt();
-    let stride = points.len().div_ceil(SAMPLES).max(1);
+    let stride = points.len().div_ceil(most).max(1);
     let samples: Vec<usize> = (0..points.len()).step_by(stride).collect();
     progress.stage("walls", Some(samples.len() as u64));
-    let walls: Vec<Option<Wall>> = samples
+    samples
         .par_iter()
         .with_min_len(256)
         .map(|&s| {
@@ -58,13 +73,38 @@ pub(super) fn least_wall(
                 return Err(Cancelled);
             }
             progress.advance(1);
-            Ok(inscribed(points[s], normals[s], &tree, [first, widest]))
+            let wall = inscribed(points[s], normals[s], &tree, [first, widest]);
+            Ok((points[s], wall))
         })
-        .collect::<Result<_, _>>()?;
-    let mut walls: Vec<Wall> = walls.into_iter().flatten().collect();
-    walls.sort_by(|a, b| a.thickness.total_cmp(&b.thickness));
-    Ok(walls.get(walls.len() / 100).copied())
+        .collect()
 }
+
+/// The full local thickness of a solid, by the nearest place of its surface where a ball is inscribed.
+pub(super) struct Thickness(Sites<f32>);
+
+/// Places at which it is measured at most.
+const PLACES: usize = 400_000;
+
+impl Thickness {
+    /// Measures it over a closed mesh.
+    pub fn new(mesh: &TriMesh, progress: &dyn Progress) -> Result<Self, Cancelled> {
+        let found = balls(mesh, PLACES, progress)?.into_iter();
+        let sites = found.filter_map(|(place, wall)| {
+            let tag = wall?.thickness as f32;
+            Some(Site { place, tag })
+        });
+        Ok(Self(Sites::new(sites.collect())))
+    }
+
+    /// In the mesh's unit; 0 if no ball is inscribed anywhere.
+    pub fn at(&self, p: Vec3) -> f32 {
+        let nearest = self.0.nearest_within(p, f64::INFINITY, |_| true);
+        nearest.map_or(0.0, |site| site.tag)
+    }
+}
+
+/// Points of a surface with the normals into the solid.
+type Tree = Sites<Vec3>;
 
 /// The ball that touches at `p`, with a radius between these two (the second is not looked beyond).
 fn inscribed(p: Vec3, inward: Vec3, tree: &Tree, [first, widest]: [f64; 2]) -> Option<Wall> {
@@ -72,15 +112,15 @@ fn inscribed(p: Vec3, inward: Vec3, tree: &Tree, [first, widest]: [f64; 2]) -> O
         return None;
     }
     let shrunk = |radius: f64| {
-        let opposite = |q: &Site| {
+        let opposite = |q: &Site<Vec3>| {
             let d = q.place - p;
             d.dot(&inward) >= OPPOSITE * d.norm()
                 && d != Vec3::zeros()
-                && q.inward.dot(&inward) <= TURNED
+                && q.tag.dot(&inward) <= TURNED
         };
         let centre = p + inward * radius;
         let q = tree.nearest_within(centre, radius * (1.0 - 5e-3), opposite)?;
-        let d = q - p;
+        let d = q.place - p;
         Some(d.norm_squared() / (2.0 * d.dot(&inward)))
     };
     let mut start = first;
@@ -104,113 +144,6 @@ fn inscribed(p: Vec3, inward: Vec3, tree: &Tree, [first, widest]: [f64; 2]) -> O
         thickness: 2.0 * radius,
         place,
     })
-}
-
-/// Angle-weighted vertex normals, pointing into the solid; zero where a vertex has none.
-fn inward_normals(mesh: &TriMesh) -> Vec<Vec3> {
-    let mut normals = vec![Vec3::zeros(); mesh.vertices().len()];
-    for (t, corners) in mesh.triangles().iter().zip(mesh.iter_corners()) {
-        for (i, &v) in t.iter().enumerate() {
-            let [a, b, c] = [corners[i], corners[(i + 1) % 3], corners[(i + 2) % 3]];
-            let normal = (b - a).cross(&(c - a));
-            if let Some(unit) = normal.try_normalize(0.0) {
-                normals[v as usize] -= unit * (b - a).angle(&(c - a));
-            }
-        }
-    }
-    for n in &mut normals {
-        *n = n.try_normalize(0.0).unwrap_or_else(Vec3::zeros);
-    }
-    normals
-}
-
-/// A balanced k-d tree over points, in place: the median of a range is its root.
-struct Tree {
-    sites: Vec<Site>,
-}
-
-/// A point of the surface and the normal into the solid there.
-#[derive(Clone, Copy)]
-struct Site {
-    place: Vec3,
-    inward: Vec3,
-}
-
-/// Ranges of at most this many points are searched one by one.
-const BUCKET: usize = 8;
-
-impl Tree {
-    fn new(points: &[Vec3], normals: &[Vec3]) -> Self {
-        let sites = points.iter().zip(normals);
-        let mut sites: Vec<Site> = sites
-            .map(|(&place, &inward)| Site { place, inward })
-            .collect();
-        build(&mut sites, 0);
-        Self { sites }
-    }
-
-    /// The point nearest to `centre` that is nearer than `reach` and `counts`.
-    fn nearest_within(
-        &self,
-        centre: Vec3,
-        reach: f64,
-        counts: impl Fn(&Site) -> bool,
-    ) -> Option<Vec3> {
-        let mut best = (reach * reach, None);
-        search(&self.sites, 0, centre, &counts, &mut best);
-        best.1
-    }
-}
-
-fn build(sites: &mut [Site], axis: usize) {
-    if sites.len() <= BUCKET {
-        return;
-    }
-    let middle = sites.len() / 2;
-    sites.select_nth_unstable_by(middle, |a, b| a.place[axis].total_cmp(&b.place[axis]));
-    let (left, right) = sites.split_at_mut(middle);
-    let next = (axis + 1) % 3;
-    if middle > 1 << 14 {
-        rayon::join(|| build(left, next), || build(&mut right[1..], next));
-    } else {
-        build(left, next);
-        build(&mut right[1..], next);
-    }
-}
-
-fn search(
-    sites: &[Site],
-    axis: usize,
-    centre: Vec3,
-    counts: &impl Fn(&Site) -> bool,
-    best: &mut (f64, Option<Vec3>),
-) {
-    let consider = |site: &Site, best: &mut (f64, Option<Vec3>)| {
-        let distance = (site.place - centre).norm_squared();
-        if distance < best.0 && counts(site) {
-            *best = (distance, Some(site.place));
-        }
-    };
-    if sites.len() <= BUCKET {
-        for site in sites {
-            consider(site, best);
-        }
-        return;
-    }
-    let middle = sites.len() / 2;
-    let root = &sites[middle];
-    let next = (axis + 1) % 3;
-    let offset = centre[axis] - root.place[axis];
-    let (near, far) = if offset < 0.0 {
-        (&sites[..middle], &sites[middle + 1..])
-    } else {
-        (&sites[middle + 1..], &sites[..middle])
-    };
-    search(near, next, centre, counts, best);
-    consider(root, best);
-    if offset * offset < best.0 {
-        search(far, next, centre, counts, best);
-    }
 }
 
 #[cfg(test)]
@@ -267,27 +200,5 @@ mod tests {
         let wall = least_wall(&mesh, &Silent).unwrap().unwrap();
         assert!((wall.thickness - 4.0).abs() < 0.05, "{wall:?}");
         assert!((wall.place - Vec3::new(1.0, 2.0, 3.0)).norm() < 0.1);
-    }
-
-    #[test]
-    fn nearest_agrees_with_a_scan() {
-        let bounds = Aabb::of([Vec3::zeros(), Vec3::repeat(1.0)]);
-        let mut state = 1u64;
-        let mut next = || {
-            state = state.wrapping_mul(6364136223846793005).wrapping_add(1);
-            (state >> 11) as f64 / (1u64 << 53) as f64
-        };
-        let points: Vec<Vec3> = (0..500)
-            .map(|_| bounds.size().map(|s| s * next()))
-            .collect();
-        let tree = Tree::new(&points, &points);
-        for _ in 0..200 {
-            let c = Vec3::from_fn(|_, _| next());
-            let scan = points
-                .iter()
-                .copied()
-                .min_by(|a, b| (a - c).norm().total_cmp(&(b - c).norm()));
-            assert_eq!(tree.nearest_within(c, 9.0, |_| true), scan);
-        }
     }
 }

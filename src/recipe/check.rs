@@ -3,7 +3,6 @@
 use super::error::{RecipeError, nearest};
 use super::op::Op;
 use super::operand::Operand;
-use super::output::OutputKind;
 use super::quantity::{Length, Scale, Width};
 use super::source::Source;
 use super::{CellSection, FileRef, ScaffoldSection, Sections, Solid, TilingSection, VERSION};
@@ -11,6 +10,8 @@ use crate::frame::{LengthUnit, Transform};
 
 /// Cells that one tiling may blend.
 const MOST_CELLS: usize = 8;
+
+mod output;
 
 type Checked = Result<(), RecipeError>;
 
@@ -48,7 +49,7 @@ pub(super) fn check(sections: &Sections, source: &Source) -> Checked {
         }
     }
     start(sections, source)?;
-    outputs(sections, source)
+    output::outputs(sections, source)
 }
 
 fn cells(sections: &Sections, source: &Source) -> Checked {
@@ -353,86 +354,6 @@ fn start(sections: &Sections, source: &Source) -> Checked {
             "the recipe makes no solid: expected a [scaffold] with [tiling], or an [[op]] with union",
         )),
     }
-}
-
-fn outputs(sections: &Sections, source: &Source) -> Checked {
-    let mut seen = Vec::new();
-    for (n, output) in sections.output.iter().enumerate() {
-        let key = format!("output.{n}");
-        let named = output.named();
-        let [(kind, path)] = named[..] else {
-            return Err(source.fault(
-                &key,
-                format!(
-                    "an [[output]] names exactly one of vdb, mesh, picture, report; found {}",
-                    named.len()
-                ),
-            ));
-        };
-        if seen.contains(&path) {
-            return Err(source.fault(&key, format!("two outputs are named {}", path.display())));
-        }
-        if kind == OutputKind::Vdb {
-            large_enough(
-                sections,
-                output.unit_or_default(sections.unit.0),
-                &key,
-                source,
-            )?;
-        }
-        seen.push(path);
-        let extension = path
-            .extension()
-            .map(|e| e.to_string_lossy().to_lowercase())
-            .unwrap_or_default();
-        let (word, known): (&str, &[&str]) = match kind {
-            OutputKind::Vdb => ("vdb", &["vdb"]),
-            OutputKind::Mesh => ("mesh", &["stl", "ply", "obj", "3mf"]),
-            OutputKind::Picture => ("picture", &["png"]),
-            OutputKind::Report => ("report", &["json"]),
-        };
-        if !known.contains(&extension.as_str()) {
-            return Err(source.fault(
-                &format!("{key}.{word}"),
-                format!(
-                    "{word} = {:?} has the extension {extension:?}; expected {}",
-                    path.display().to_string(),
-                    known.join(", ")
-                ),
-            ));
-        }
-        let wrong = [
-            ("fog", output.fog && kind != OutputKind::Vdb, "vdb"),
-            ("half", output.half && kind != OutputKind::Vdb, "vdb"),
-            (
-                "compression",
-                output.compression.is_some() && kind != OutputKind::Vdb,
-                "vdb",
-            ),
-            (
-                "size",
-                output.size.is_some() && kind != OutputKind::Picture,
-                "picture",
-            ),
-            (
-                "cut",
-                output.cut.is_some() && kind != OutputKind::Picture,
-                "picture",
-            ),
-        ];
-        let with_unit = matches!(kind, OutputKind::Vdb | OutputKind::Mesh);
-        let wrong =
-            wrong
-                .into_iter()
-                .chain([("unit", output.unit.is_some() && !with_unit, "vdb or mesh")]);
-        if let Some((word, _, owner)) = wrong.into_iter().find(|w| w.1) {
-            return Err(source.fault(
-                &format!("{key}.{word}"),
-                format!("{word} belongs to an output with {owner}"),
-            ));
-        }
-    }
-    Ok(())
 }
 
 /// Whether OpenVDB can hold the recipe's voxels in this unit.

@@ -1,6 +1,8 @@
 //! `[[output]]`: the files a run writes.
 
-use super::quantity::Unit;
+use super::brief::{Brief, Short};
+use super::grid_word::GridWord;
+use super::quantity::{Fraction, Size, Unit};
 use crate::frame::LengthUnit;
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::de::value::SeqAccessDeserializer;
@@ -15,7 +17,7 @@ use std::str::FromStr;
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Output {
-    /// An OpenVDB file with the level set "surface".
+    /// An OpenVDB file (.vdb) with the level set "surface", or a NanoVDB file (.nvdb).
     pub vdb: Option<PathBuf>,
     /// A triangle mesh: .stl, .ply, .obj or .3mf.
     pub mesh: Option<PathBuf>,
@@ -27,15 +29,65 @@ pub struct Output {
     pub unit: Option<Unit>,
     /// Also write the fog volume "density" into the .vdb.
     pub fog: bool,
+    /// Grids of the .vdb: "surface", "density", and to shade by "cell_id", "element_id", "weight_NAME",
+    /// "thickness", "uvw", "fold"; the latter also as vertex attributes of a .ply. "surface" alone when
+    /// left out.
+    pub grids: Option<Vec<GridWord>>,
+    /// Copies of the level set on voxels of twice, four times ... the edge, as "surface_lod_1" and so on.
+    #[schemars(range(min = 1, max = 8))]
+    pub lod: Option<u8>,
+    /// Write the connected pieces one by one: as grids "surface_1" and so on of the .vdb, or as files.
+    pub segments: Option<Segments>,
+    /// Also write a USD file (.usda) beside the .vdb that names its grids.
+    pub usda: bool,
     /// Store the values of the .vdb as half floats: a fifth smaller, distances to 1.5 thousandths of a
     /// voxel; meant for fog.
     pub half: bool,
     /// How the values of the .vdb are compressed; blosc when left out.
     pub compression: Option<Compression>,
+    /// Write the mesh (.ply, .obj) in quads instead of triangles.
+    pub quads: bool,
+    /// Move the mesh's vertices onto the exact field: their error goes from a fraction of a voxel to
+    /// nothing. For solids of fields only, before anything that needs neighbours.
+    pub project: bool,
+    /// As project, and vertices near edges and corners go onto them, where lattice and envelope meet.
+    pub sharp: bool,
+    /// Merge flat regions of the mesh: from nothing (0, when left out) to all that can be (1). Most such
+    /// meshes intersect themselves somewhere.
+    pub adaptivity: Option<Fraction>,
+    /// Merge triangles until this share is left.
+    pub decimate: Option<Brief<Decimate>>,
     /// Width and height of the picture in pixels: [1000, 800] or "1000x800".
     pub size: Option<PictureSize>,
     /// A cut plane of the picture, as in "x=0" (recipe's unit).
     pub cut: Option<Cut>,
+}
+
+/// Fewer triangles.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Decimate {
+    /// Share of the triangles that is left.
+    pub share: Fraction,
+    /// Most that the surface may move; more triangles are left where it would.
+    pub error: Option<Size>,
+}
+
+impl Short for Decimate {
+    type First = Fraction;
+    fn short(share: Fraction) -> Self {
+        Self { share, error: None }
+    }
+}
+
+/// How the pieces of a solid are told apart.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum Segments {
+    /// Grids of one file.
+    Grids,
+    /// Files of their own: NAME_1.vdb, the largest piece, and so on.
+    Files,
 }
 
 /// How values are compressed in a .vdb.

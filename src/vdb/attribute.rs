@@ -15,19 +15,21 @@ pub struct Attribute {
 const GROUP: usize = 64;
 
 impl LevelSet {
-    /// Asks a function for `N` numbers (1 or 3) at every active voxel, in groups and from any thread.
+    /// Attributes of so many numbers each (1 or 3): a function gives all of them at points, one after the
+    /// other, and is asked at every active voxel, in groups and from any thread.
     ///
     /// # Errors
     /// [`VdbError::Cancelled`], or what OpenVDB refuses (memory).
-    pub fn attribute<const N: usize>(
+    pub fn attributes(
         &self,
-        numbers: impl Fn(&[WorldPoint]) -> Vec<[f32; N]> + Sync,
+        components: &[usize],
+        numbers: impl Fn(&[WorldPoint]) -> Vec<f32> + Sync,
         session: Session<'_>,
-    ) -> Result<Attribute, VdbError> {
+    ) -> Result<Vec<Attribute>, VdbError> {
         let leaves = self.leaves()?;
         let order: Vec<usize> = (0..leaves.len()).collect();
         let progress = session.progress;
-        let groups: Vec<Vec<[f32; N]>> = session.threads.install(|| {
+        let groups: Vec<Vec<f32>> = session.threads.install(|| {
             let groups = order.par_chunks(GROUP).map(|group| {
                 if progress.cancelled() {
                     return Err(Cancelled);
@@ -40,14 +42,25 @@ impl LevelSet {
                         WorldPoint(p)
                     }));
                 }
+                progress.advance(group.len() as u64);
                 Ok(numbers(&points))
             });
             groups.collect::<Result<_, _>>()
         })?;
         drop(leaves);
-        let values: Vec<[f32; N]> = groups.into_iter().flatten().collect();
-        let grid = ffi::grid_attribute(&self.grid, N, values.as_flattened())
-            .map_err(|e| VdbError::plain("making an attribute", &e))?;
-        Ok(Attribute { grid })
+        let row: usize = components.iter().sum();
+        let mut start = 0;
+        let mut made = Vec::with_capacity(components.len());
+        for &count in components {
+            let mut values = Vec::new();
+            for numbers in groups.iter().flat_map(|group| group.chunks_exact(row)) {
+                values.extend_from_slice(&numbers[start..start + count]);
+            }
+            let grid = ffi::grid_attribute(&self.grid, count, &values)
+                .map_err(|e| VdbError::plain("making an attribute", &e))?;
+            made.push(Attribute { grid });
+            start += count;
+        }
+        Ok(made)
     }
 }

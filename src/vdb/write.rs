@@ -32,6 +32,9 @@ impl Compression {
     }
 }
 
+/// One of the bridge's writers.
+type Put = fn(&ffi::FileOut, i32, u32, &ffi::Host<'_>) -> Result<i32, cxx::Exception>;
+
 /// What was written.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Written {
@@ -223,10 +226,33 @@ impl<'a> VdbWriter<'a> {
         self.tags
             .push(("druse.content_hash".into(), content_hash.clone()));
         self.enter_tags().map_err(|e| failed(&self.path, &e))?;
+        let bytes = self.put(staged, ffi::file_write)?;
+        Ok(Written {
+            bytes,
+            content_hash,
+        })
+    }
+
+    /// As [`VdbWriter::write_to`], as a NanoVDB file (version 32.4) with one segment a grid; it holds no
+    /// tags and no half floats.
+    ///
+    /// # Errors
+    /// As [`VdbWriter::write`].
+    pub fn write_nano_to(self, staged: &Path) -> Result<Written, FileError> {
+        let content_hash = self.content_hash().map_err(|e| failed(&self.path, &e))?;
+        let bytes = self.put(staged, ffi::file_write_nano)?;
+        Ok(Written {
+            bytes,
+            content_hash,
+        })
+    }
+
+    /// Lets the bridge write to a new file; its size.
+    fn put(&self, staged: &Path, write: Put) -> Result<u64, FileError> {
         let io = |e| FileError::io(&self.path, e);
         let target = File::create(staged).map_err(io)?;
         let (descriptor, flags) = (target.as_raw_fd(), self.compression.flags());
-        let error = ffi::file_write(&self.file, descriptor, flags, &self.session.host())
+        let error = write(&self.file, descriptor, flags, &self.session.host())
             .map_err(|e| failed(&self.path, &e))?;
         if self.session.progress.cancelled() {
             return Err(Cancelled.into());
@@ -234,10 +260,7 @@ impl<'a> VdbWriter<'a> {
         if error != 0 {
             return Err(io(std::io::Error::from_raw_os_error(error)));
         }
-        Ok(Written {
-            bytes: target.metadata().map_err(io)?.len(),
-            content_hash,
-        })
+        Ok(target.metadata().map_err(io)?.len())
     }
 
     fn content_hash(&self) -> Result<String, cxx::Exception> {

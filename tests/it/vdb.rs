@@ -13,6 +13,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 mod figures;
 mod files;
+mod meshes;
 mod operations;
 mod pictures;
 mod pieces;

@@ -1,0 +1,113 @@
+//! What a mesh file is written from: vertices, triangles or quads, numbers at the vertices, all borrowed.
+
+use crate::frame::Vec3;
+use crate::mesh::{QuadMesh, TriMesh};
+
+/// Faces over shared vertices, counter-clockwise seen from outside.
+#[derive(Clone, Copy, Debug)]
+pub enum Faces<'a> {
+    /// Triangles.
+    Triangles(&'a [[u32; 3]]),
+    /// Quadrilaterals; a triangle repeats its last corner.
+    Quads(&'a [[u32; 4]]),
+}
+
+impl Faces<'_> {
+    /// How many there are.
+    pub fn len(&self) -> usize {
+        match self {
+            Self::Triangles(t) => t.len(),
+            Self::Quads(q) => q.len(),
+        }
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// The corners of a face, three or four.
+    pub fn corners(&self, face: usize) -> &[u32] {
+        match self {
+            Self::Triangles(t) => &t[face],
+            Self::Quads(q) if q[face][2] == q[face][3] => &q[face][..3],
+            Self::Quads(q) => &q[face],
+        }
+    }
+}
+
+/// Numbers that go with the vertices of a mesh: one or several for each.
+#[derive(Clone, Debug, PartialEq)]
+pub struct VertexAttribute {
+    /// A name for each number of a vertex, as in `["uvw_x", "uvw_y", "uvw_z"]`.
+    pub names: Vec<String>,
+    /// As many numbers for each vertex, vertex by vertex.
+    pub values: Vec<f32>,
+}
+
+/// A mesh to be written: nothing is copied, lengths are scaled on the way.
+#[derive(Clone, Copy, Debug)]
+pub struct MeshView<'a> {
+    /// Places of the vertices.
+    pub vertices: &'a [Vec3],
+    /// What they span.
+    pub faces: Faces<'a>,
+    /// Factor on every coordinate.
+    pub factor: f64,
+    /// Numbers at the vertices; only PLY holds them.
+    pub attributes: &'a [VertexAttribute],
+}
+
+impl<'a> MeshView<'a> {
+    /// The vertices, scaled.
+    pub fn points(&self) -> impl Iterator<Item = Vec3> + '_ {
+        self.vertices.iter().map(|v| v * self.factor)
+    }
+
+    /// The corners of every triangle, scaled; none of a mesh of quads.
+    pub fn triangle_corners(&self) -> impl Iterator<Item = [Vec3; 3]> + '_ {
+        let triangles = match self.faces {
+            Faces::Triangles(t) => t,
+            Faces::Quads(_) => &[],
+        };
+        let corner = |v: u32| self.vertices[v as usize] * self.factor;
+        triangles.iter().map(move |t| t.map(corner))
+    }
+
+    /// The same with its lengths multiplied.
+    #[must_use]
+    pub fn scaled(self, factor: f64) -> Self {
+        Self {
+            factor: self.factor * factor,
+            ..self
+        }
+    }
+
+    /// The same with numbers at its vertices.
+    #[must_use]
+    pub fn with_attributes(self, attributes: &'a [VertexAttribute]) -> Self {
+        Self { attributes, ..self }
+    }
+}
+
+impl<'a> From<&'a TriMesh> for MeshView<'a> {
+    fn from(mesh: &'a TriMesh) -> Self {
+        Self {
+            vertices: mesh.vertices(),
+            faces: Faces::Triangles(mesh.triangles()),
+            factor: 1.0,
+            attributes: &[],
+        }
+    }
+}
+
+impl<'a> From<&'a QuadMesh> for MeshView<'a> {
+    fn from(mesh: &'a QuadMesh) -> Self {
+        Self {
+            vertices: mesh.vertices(),
+            faces: Faces::Quads(mesh.quads()),
+            factor: 1.0,
+            attributes: &[],
+        }
+    }
+}

@@ -1,0 +1,86 @@
+//! Meshes of the finished solid, made as an output wants them and written.
+
+use super::attributes::Attributes;
+use super::error::RunError;
+use super::operate::Bench;
+use super::output::Finished;
+use super::report::MeshFacts;
+use super::shape::shape;
+use crate::frame::LengthUnit;
+use crate::io::{MeshView, write_mesh};
+use crate::mesh::{Projection, QuadMesh, TriMesh};
+use crate::recipe::Output;
+use std::borrow::Cow;
+use std::path::Path;
+
+/// A surface as it is written.
+enum Surface<'a> {
+    Triangles(Cow<'a, TriMesh>),
+    Quads(QuadMesh),
+}
+
+impl Surface<'_> {
+    fn view(&self) -> MeshView<'_> {
+        match self {
+            Self::Triangles(mesh) => mesh.as_ref().into(),
+            Self::Quads(mesh) => mesh.into(),
+        }
+    }
+}
+
+/// Writes the mesh of a solid; `plain` is its mesh without any wish.
+pub(super) fn write(
+    bench: Bench,
+    done: Finished,
+    output: &Output,
+    (path, unit): (&Path, LengthUnit),
+) -> Result<Option<MeshFacts>, RunError> {
+    let Some(plain) = done.mesh else {
+        return Ok(None);
+    };
+    let mut facts = MeshFacts::default();
+    let adaptivity = output.adaptivity.map_or(0.0, |a| a.0);
+    let is_plain = !(output.quads || output.project || output.sharp) && adaptivity == 0.0;
+    let mut surface = if is_plain {
+        Surface::Triangles(Cow::Borrowed(plain))
+    } else {
+        let failed = RunError::level_set("mesh");
+        let mut mesh = done
+            .solid
+            .to_quads(adaptivity, bench.session())
+            .map_err(failed)?;
+        if output.project || output.sharp {
+            let exact = shape(done.stock, bench.scale)?;
+            let how = Projection {
+                voxel_size: bench.scale.voxel_size,
+                sharp: output.sharp,
+            };
+            let found = bench
+                .threads
+                .install(|| mesh.project(&*exact.field, how, bench.progress))?;
+            facts.creased = Some(found.creased as u64);
+            facts.kept = Some(found.kept as u64);
+            facts.error = Some(found.error);
+        }
+        if output.quads {
+            Surface::Quads(mesh)
+        } else {
+            Surface::Triangles(Cow::Owned(mesh.into_triangles()))
+        }
+    };
+    if let (Some(wish), Surface::Triangles(mesh)) = (&output.decimate, &surface) {
+        bench.progress.stage("decimate", None);
+        let error = wish.error.map(|e| e.resolve(bench.scale));
+        let fewer = super::decimate::decimated(mesh, wish.share.0, error)?;
+        surface = Surface::Triangles(Cow::Owned(fewer));
+    }
+    let factor = bench.scale.unit.to(unit);
+    let wished = output.grids.as_deref().unwrap_or_default();
+    let attributes = Attributes::new(bench, done.stock, wished, plain, factor)?;
+    let numbers = attributes.at_vertices(bench, surface.view().vertices);
+    let view = surface.view().scaled(factor).with_attributes(&numbers);
+    facts.faces = view.faces.len() as u64;
+    bench.progress.stage("write", None);
+    write_mesh(path, view, unit)?;
+    Ok(Some(facts))
+}

@@ -1,0 +1,110 @@
+//! Names of the grids that an output may hold.
+
+use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
+use serde::de::{Deserialize, Deserializer, Error as _};
+use std::borrow::Cow;
+use std::fmt;
+use std::str::FromStr;
+
+/// A grid of an output: the solid, its fog, or numbers to shade it by.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum GridWord {
+    /// The level set.
+    Surface,
+    /// The fog volume.
+    Density,
+    /// Number of the cell with the greatest weight, from 0 in the order of the tiling; -1 without one.
+    CellId,
+    /// Number of the element in its file (exact up to 2^24); -1 without one.
+    ElementId,
+    /// Weight of a cell of the tiling, 0 to 1.
+    Weight(String),
+    /// Full local thickness of the solid at the surface nearest by, in the file's unit; 0 where no ball
+    /// is inscribed.
+    Thickness,
+    /// Reference coordinates in the element.
+    Uvw,
+    /// Folded reference coordinates, continuous over every face whatever the numbering: the three
+    /// greatest barycentric coordinates of a tet, |u| of a hex in falling order.
+    Fold,
+}
+
+impl GridWord {
+    /// Numbers at each voxel: one or three.
+    pub const fn components(&self) -> usize {
+        match self {
+            Self::Uvw | Self::Fold => 3,
+            _ => 1,
+        }
+    }
+
+    /// Whether it is a matter of the scaffold.
+    pub const fn needs_scaffold(&self) -> bool {
+        !matches!(self, Self::Surface | Self::Density | Self::Thickness)
+    }
+
+    /// Whether it holds numbers that go with the surface, not the solid itself.
+    pub const fn is_attribute(&self) -> bool {
+        !matches!(self, Self::Surface | Self::Density)
+    }
+}
+
+impl fmt::Display for GridWord {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Surface => "surface",
+            Self::Density => "density",
+            Self::CellId => "cell_id",
+            Self::ElementId => "element_id",
+            Self::Weight(cell) => return write!(f, "weight_{cell}"),
+            Self::Thickness => "thickness",
+            Self::Uvw => "uvw",
+            Self::Fold => "fold",
+        })
+    }
+}
+
+impl FromStr for GridWord {
+    type Err = String;
+    fn from_str(s: &str) -> Result<Self, String> {
+        let known = [
+            Self::Surface,
+            Self::Density,
+            Self::CellId,
+            Self::ElementId,
+            Self::Thickness,
+            Self::Uvw,
+            Self::Fold,
+        ];
+        if let Some(cell) = s.strip_prefix("weight_").filter(|c| !c.is_empty()) {
+            return Ok(Self::Weight(cell.to_owned()));
+        }
+        let names = known.each_ref().map(ToString::to_string);
+        let found = known.into_iter().find(|w| w.to_string() == s);
+        found.ok_or_else(|| {
+            format!(
+                "found {s:?}, expected one of {}, weight_NAME",
+                names.join(", ")
+            )
+        })
+    }
+}
+
+impl<'de> Deserialize<'de> for GridWord {
+    fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
+        String::deserialize(d)?.parse().map_err(D::Error::custom)
+    }
+}
+
+impl JsonSchema for GridWord {
+    fn schema_name() -> Cow<'static, str> {
+        "GridWord".into()
+    }
+    fn json_schema(_: &mut SchemaGenerator) -> Schema {
+        json_schema!({
+            "description": "A grid of an output.",
+            "type": "string",
+            "pattern": "^(surface|density|cell_id|element_id|thickness|uvw|fold|weight_.+)$"
+        })
+    }
+}
