@@ -136,7 +136,12 @@ pub fn main(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
     let session = Session::new(cli.manners);
     failure::hush_panics();
     let command = cli.command;
-    let answered = std::panic::catch_unwind(AssertUnwindSafe(|| command.answer(&session)));
+    let answered = match session.color_grid() {
+        Some(word) if !matches!(command, Command::Preview(_)) => Ok(Err(Failure::usage(format!(
+            "found --color {word}; expected auto, always or never"
+        )))),
+        _ => std::panic::catch_unwind(AssertUnwindSafe(|| command.answer(&session))),
+    };
     session.finish();
     let answered = answered.unwrap_or_else(|_| Err(Failure::bug()));
     // A signal that came while the work unwound decides the exit code, whatever the error says.

@@ -13,6 +13,7 @@
 //! ```
 
 pub mod atomic;
+mod beams;
 mod cell;
 mod cloud;
 mod collector;
@@ -40,6 +41,7 @@ mod threemf;
 mod tokens;
 mod vtk;
 
+pub use beams::{Beam, BeamLattice, write_beams};
 pub use cell::{read_cell, write_cell};
 pub use cloud::{PointFile, TEXT_CLOUDS, read_points};
 pub use crystal::{DiskFiles, carry_out, read_crystal, read_script, script_fault};

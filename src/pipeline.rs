@@ -22,6 +22,7 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 mod attributes;
+mod beams;
 mod cells;
 mod crystals;
 mod decimate;
@@ -59,7 +60,7 @@ pub use error::RunError;
 pub use estimate::Estimate;
 pub use fit_options::fit_options;
 pub use group::{group_fault, read_group};
-pub use plot::{Curve, Plot, plot};
+pub use plot::{Curve, Plot, plot, sheet, sheet_columns};
 pub use probe::{Probe, Probed};
 pub use report::{
     BandReport, ContinuityReport, Input, MeshFacts, OutputFile, Report, ScaffoldReport,

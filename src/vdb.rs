@@ -58,6 +58,7 @@ mod light;
 mod memory;
 mod mesh;
 mod ops;
+mod paint;
 mod pieces;
 mod render;
 mod sampled;

@@ -1,4 +1,4 @@
-//! `druse preview FILE -o X.png`.
+//! `druse preview FILE... -o X.png`.
 
 use super::kind::FileKind;
 use super::{Answer, Failure, Session};
@@ -9,19 +9,21 @@ use crate::io::{read_cell, read_mesh, read_scaffold};
 use crate::mesh::TriMesh;
 use crate::pipeline;
 use crate::recipe::{Cut, PictureSize};
-use crate::vdb::{self, LevelSet};
+use crate::vdb::{self, Image, LevelSet, Picture};
 use clap::Args;
 use serde_json::json;
-use std::path::PathBuf;
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
 
 #[derive(Args)]
 pub(super) struct Parameters {
-    /// A .vdb, mesh, cell or scaffold, or the name of a surface.
-    file: PathBuf,
+    /// A .vdb, mesh, cell or scaffold, or the name of a surface; several make a sheet of small pictures.
+    #[arg(required = true, value_name = "FILE")]
+    files: Vec<PathBuf>,
     /// The picture to write (.png).
     #[arg(short, long, value_name = "X.png")]
     output: PathBuf,
-    /// Width and height in pixels.
+    /// Width and height in pixels, of a sheet without its captions.
     #[arg(long, value_name = "WxH", default_value = "1000x800")]
     size: PictureSize,
     /// Leave away what lies before a plane, as in x=0 (unit of the file).
@@ -40,16 +42,51 @@ const HALF_WIDTH: f64 = 3.0;
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     let threads = super::session::threads(p.threads)?;
     let tools = vdb::Session::new(&threads, session);
-    let path = &p.file;
     if p.output.extension().is_none_or(|e| e != "png") {
         let found = p.output.display();
         return Err(Failure::usage(format!(
             "found the output {found}; expected a name with the extension .png"
         )));
     }
+    let columns = pipeline::sheet_columns(p.files.len());
+    let rows = p.files.len().div_ceil(columns);
+    let size = [
+        (p.size.0 as usize / columns).max(16),
+        (p.size.1 as usize / rows).max(16),
+    ];
+    let mut pictures = Vec::new();
+    let mut ranges = Vec::new();
+    for path in &p.files {
+        let (image, range) = picture(p, path, size, (session, tools))?;
+        let name = path.file_stem().unwrap_or_default().to_string_lossy();
+        pictures.push((name.into_owned(), image));
+        ranges.extend(range);
+    }
+    let png = match &pictures[..] {
+        [(_, alone)] => alone.png()?,
+        _ => pipeline::sheet(&pictures).png()?,
+    };
+    let bytes = write_bytes(&p.output, &png)?;
+    let shown = p.output.display().to_string();
+    let mut text = format!("{shown}  {}", super::run::size(bytes));
+    let grid = session.color_grid().unwrap_or_default();
+    for [low, high] in &ranges {
+        let _ = write!(text, "\n{grid}: {low} dark violet to {high} yellow");
+    }
+    let facts = json!({ "path": shown, "bytes": bytes, "ranges": ranges });
+    Ok(Answer::new(text, facts))
+}
+
+/// One picture, and the values of the grid that colours it.
+fn picture(
+    p: &Parameters,
+    path: &Path,
+    [width, height]: [usize; 2],
+    (session, tools): (&Session, vdb::Session),
+) -> Result<(Image, Option<[f32; 2]>), Failure> {
     let solid = match super::fit::surface(path, None)? {
-        Some(cell) => cell_picture(p, &cell, tools)?,
-        None => solid_of(p, tools)?,
+        Some(cell) => cell_picture(path, &cell, tools)?,
+        None => solid_of(path, tools)?,
     };
     if let Some(cut) = p.cut {
         let bounds = solid.bounds()?;
@@ -62,22 +99,28 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
             session.warn_of(pipeline::Warning::CUT, message)?;
         }
     }
-    let cut = p.cut.map(|c| (c.axis, c.at));
-    let png = solid.picture(p.size.0 as usize, p.size.1 as usize, cut, tools)?;
-    let bytes = write_bytes(&p.output, &png)?;
-    let shown = p.output.display().to_string();
-    let text = format!("{shown}  {}", super::run::size(bytes));
-    Ok(Answer::new(text, json!({ "path": shown, "bytes": bytes })))
+    let view = Picture {
+        width,
+        height,
+        cut: p.cut.map(|c| (c.axis, c.at)),
+        ..Picture::default()
+    };
+    let Some(name) = session.color_grid() else {
+        return Ok((solid.render(&view, tools)?, None));
+    };
+    FileKind::of(path, &[FileKind::Vdb])?;
+    let grid = super::vdb::reader()?.fetch(path, Some(name))?;
+    let (image, range) = solid.render_by(&view, &grid, tools)?;
+    Ok((image, Some(range)))
 }
 
 /// What a file shows, as a level set.
-fn solid_of(p: &Parameters, tools: vdb::Session) -> Result<LevelSet, Failure> {
+fn solid_of(path: &Path, tools: vdb::Session) -> Result<LevelSet, Failure> {
     use FileKind::{Mesh, Scaffold, Vdb};
-    let path = &p.file;
     Ok(
         match FileKind::of(path, &[Vdb, Mesh, FileKind::Cell, Scaffold])? {
             Vdb => super::vdb::level_set(path, None, tools)?,
-            Mesh => voxelized(p, &read_mesh(path)?.mesh, tools)?,
+            Mesh => voxelized(path, &read_mesh(path)?.mesh, tools)?,
             Scaffold => {
                 let scaffold = read_scaffold(path)?.scaffold;
                 let (_, stretch) = scaffold.stretch();
@@ -88,23 +131,23 @@ fn solid_of(p: &Parameters, tools: vdb::Session) -> Result<LevelSet, Failure> {
                         .append(&part)
                         .map_err(|e| Failure::data(path, e.to_string()))?;
                 }
-                voxelized(p, &shell, tools)?
+                voxelized(path, &shell, tools)?
             }
-            _ => cell_picture(p, &read_cell(path)?, tools)?,
+            _ => cell_picture(path, &read_cell(path)?, tools)?,
         },
     )
 }
 
-fn voxelized(p: &Parameters, mesh: &TriMesh, tools: vdb::Session) -> Result<LevelSet, Failure> {
+fn voxelized(path: &Path, mesh: &TriMesh, tools: vdb::Session) -> Result<LevelSet, Failure> {
     let size = mesh.bounds().size().max();
     let transform = Transform::new(size / FINENESS)
         .filter(|_| !mesh.is_empty())
-        .ok_or_else(|| Failure::data(&p.file, "found no extent; expected a surface"))?;
+        .ok_or_else(|| Failure::data(path, "found no extent; expected a surface"))?;
     Ok(LevelSet::from_mesh(mesh, transform, HALF_WIDTH, tools)?)
 }
 
 /// One element of a cell.
-fn cell_picture(p: &Parameters, cell: &Cell, tools: vdb::Session) -> Result<LevelSet, Failure> {
+fn cell_picture(path: &Path, cell: &Cell, tools: vdb::Session) -> Result<LevelSet, Failure> {
     pipeline::one_element(cell, 1.0 / FINENESS * 1.5, HALF_WIDTH, tools)
-        .map_err(|e| Failure::data(&p.file, e.to_string()))
+        .map_err(|e| Failure::data(path, e.to_string()))
 }

@@ -5,8 +5,10 @@ use super::progress::{Display, Style};
 use super::signals::Signals;
 use crate::pipeline::{RunError, Warning};
 use crate::progress::{Progress, Threads};
-use clap::{Args, ValueEnum};
+use clap::Args;
+use std::convert::Infallible;
 use std::io::IsTerminal;
+use std::str::FromStr;
 
 /// Flags that every command understands.
 #[derive(Args)]
@@ -20,11 +22,12 @@ pub(super) struct Manners {
     /// How progress is shown on stderr [default: a bar on a terminal, nothing elsewhere].
     #[arg(long, global = true, value_enum, help_heading = "Manners")]
     progress: Option<Style>,
-    /// When to colour messages; `NO_COLOR` is honoured.
+    /// When to colour messages: auto, always or never; `NO_COLOR` is honoured. For preview also the grid of
+    /// floats of a .vdb that colours the surface, as in `cell_id`.
     #[arg(
         long,
         global = true,
-        value_enum,
+        value_name = "WHEN",
         default_value = "auto",
         help_heading = "Manners"
     )]
@@ -38,7 +41,7 @@ pub(super) struct Manners {
 }
 
 /// When to colour messages.
-#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+#[derive(Clone, PartialEq, Eq)]
 enum Color {
     /// On a terminal, unless `NO_COLOR` is set.
     Auto,
@@ -46,6 +49,20 @@ enum Color {
     Always,
     /// Never.
     Never,
+    /// As by itself; something else is coloured by a grid of this name.
+    Grid(String),
+}
+
+impl FromStr for Color {
+    type Err = Infallible;
+    fn from_str(word: &str) -> Result<Self, Infallible> {
+        Ok(match word {
+            "auto" => Self::Auto,
+            "always" => Self::Always,
+            "never" => Self::Never,
+            grid => Self::Grid(grid.to_owned()),
+        })
+    }
 }
 
 /// A running invocation.
@@ -89,13 +106,21 @@ impl Session {
 
     /// Whether stderr is coloured.
     pub(super) fn colored(&self) -> bool {
-        match self.manners.color {
+        match &self.manners.color {
             Color::Always => true,
             Color::Never => false,
-            Color::Auto => {
+            Color::Auto | Color::Grid(_) => {
                 let asked_not = std::env::var_os("NO_COLOR").is_some_and(|v| !v.is_empty());
                 !asked_not && std::io::stderr().is_terminal()
             }
+        }
+    }
+
+    /// The grid that colours a picture, if `--color` names one.
+    pub(super) fn color_grid(&self) -> Option<&str> {
+        match &self.manners.color {
+            Color::Grid(name) => Some(name),
+            _ => None,
         }
     }
 

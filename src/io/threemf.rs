@@ -6,16 +6,19 @@
 
 use super::mesh_file::MeshFile;
 use super::source::quote;
-use super::{Faces, MeshView, Place, ReadError};
+use super::{Place, ReadError};
 use crate::frame::{LengthUnit, Vec3};
 use crate::mesh::TriMesh;
 use quick_xml::Reader;
 use quick_xml::events::{BytesStart, Event};
 use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::{self, BufRead, BufReader, Read, Seek, Write};
+use std::io::{BufRead, BufReader, Read, Seek};
 use std::path::Path;
-use zip::{CompressionMethod, ZipArchive, ZipWriter, write::SimpleFileOptions};
+use zip::ZipArchive;
+
+mod package;
+pub(super) use package::{write, write_beams};
 
 /// How deep components may nest.
 const DEPTH: usize = 16;
@@ -354,68 +357,4 @@ fn unfold(path: &Path, model: &Model) -> Result<MeshFile, ReadError> {
         unit: Some(model.unit),
         warnings,
     })
-}
-
-const CONTENT_TYPES: &str = r#"<?xml version="1.0" encoding="UTF-8"?>
-<Types xmlns="http://schemas.openxmlformats.org/package/2006/content-types"><Default Extension="rels" ContentType="application/vnd.openxmlformats-package.relationships+xml"/><Default Extension="model" ContentType="application/vnd.ms-package.3dmanufacturing-3dmodel+xml"/></Types>
-"#;
-
-const RELATIONS: &str = r#"<?xml version="1.0" encoding="UTF-8"?>
-<Relationships xmlns="http://schemas.openxmlformats.org/package/2006/relationships"><Relationship Target="/3D/3dmodel.model" Id="rel0" Type="http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel"/></Relationships>
-"#;
-
-/// Writes one object; triangles that name a vertex twice, which the format forbids, are left out.
-pub(super) fn write(
-    out: &mut (impl Write + Seek),
-    mesh: &MeshView,
-    unit: LengthUnit,
-) -> io::Result<()> {
-    // At most about 64 bytes a vertex and twice that a triangle; plain zip entries end at 4 GiB.
-    let bytes = 64 * (mesh.vertices.len() as u64 + 2 * mesh.faces.len() as u64);
-    let options = SimpleFileOptions::default().compression_method(CompressionMethod::Deflated);
-    let mut zip = ZipWriter::new(out);
-    for (name, text) in [
-        ("[Content_Types].xml", CONTENT_TYPES),
-        ("_rels/.rels", RELATIONS),
-    ] {
-        zip.start_file(name, options)?;
-        zip.write_all(text.as_bytes())?;
-    }
-    let large = options.large_file(bytes >= u64::from(u32::MAX));
-    zip.start_file("3D/3dmodel.model", large.compression_level(Some(3)))?;
-    let mut xml = io::BufWriter::with_capacity(1 << 16, zip);
-    write!(
-        xml,
-        "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<model unit=\"{}\" xml:lang=\"en-US\" \
-         xmlns=\"http://schemas.microsoft.com/3dmanufacturing/core/2015/02\">\n\
-         <metadata name=\"Application\">druse {}</metadata>\n\
-         <resources><object id=\"1\" type=\"model\"><mesh>\n<vertices>\n",
-        unit.name_3mf(),
-        env!("CARGO_PKG_VERSION")
-    )?;
-    for v in mesh.points() {
-        // As many digits as f32 needs, with an exponent where that is shorter: xs:double.
-        let [x, y, z] = [v.x, v.y, v.z].map(|c| c as f32);
-        writeln!(xml, "<vertex x=\"{x:?}\" y=\"{y:?}\" z=\"{z:?}\"/>")?;
-    }
-    writeln!(xml, "</vertices>\n<triangles>")?;
-    let triangles = match mesh.faces {
-        Faces::Triangles(triangles) => triangles,
-        Faces::Quads(_) => &[],
-    };
-    for [a, b, c] in triangles
-        .iter()
-        .filter(|[a, b, c]| a != b && b != c && c != a)
-    {
-        writeln!(xml, "<triangle v1=\"{a}\" v2=\"{b}\" v3=\"{c}\"/>")?;
-    }
-    write!(
-        xml,
-        "</triangles>\n</mesh></object></resources>\n<build><item objectid=\"1\"/></build>\n</model>\n"
-    )?;
-    xml.flush()?;
-    xml.into_inner()
-        .map_err(io::IntoInnerError::into_error)?
-        .finish()?;
-    Ok(())
 }

@@ -40,9 +40,11 @@ pub struct Projected {
 const ONE_PLANE: f64 = 0.9;
 /// Cosine of the angle between a face and its vertex's normal beyond which a crease is looked for.
 const SUSPECT: f64 = 0.975;
-/// Radii around a vertex at which the field is asked for two planes and for three, voxels: from the side
-/// of an edge, or from two edges of a corner, the other planes must be in sight.
-const RADII: [[f64; 3]; 2] = [[0.6, 0.15, 0.04], [1.1, 0.2, 0.04]];
+/// Radii around a vertex at which the field is asked, voxels: at first so wide that from the side of an
+/// edge, or from two edges of a corner, the other planes are in sight.
+const RADII: [f64; 3] = [1.0, 0.2, 0.04];
+/// Second difference over a voxel, in voxels, from which on the field may have a kink there.
+const KINK: f64 = 0.2;
 /// Singular values below this say nothing.
 const SINGULAR: f64 = 0.15;
 /// How far beyond its cell a vertex may go, voxels.
@@ -96,7 +98,7 @@ impl QuadMesh {
         for (place, found) in places.iter_mut().zip(&found) {
             *place = found.place.unwrap_or(*place);
         }
-        untangle(&before, &mut places, how.voxel_size);
+        untangle(self, &mut places, how.voxel_size);
         let moved = |n: usize| places[n] != before.vertices[n];
         let is_creased = |n: usize| moved(n) && found[n].creased;
         let creased = (0..places.len()).filter(|&n| is_creased(n)).count();
@@ -124,7 +126,9 @@ impl QuadMesh {
             .par_iter()
             .map(|&[a, b, c, d]| {
                 let at_crease = [a, b, c, d].iter().any(|&v| is_creased(v as usize));
-                c != d && cost(b, d, at_crease) < cost(a, c, at_crease)
+                let shorter = cost(b, d, at_crease) < cost(a, c, at_crease);
+                let [first, second] = fits(self, &places, how.voxel_size, [a, b, c, d]);
+                c != d && second && (shorter || !first)
             })
             .collect();
         self.place(places, &turned);
@@ -185,39 +189,55 @@ fn suspects(mesh: &TriMesh, normals: &[Vec3]) -> Vec<bool> {
     found
 }
 
-/// Sends back to where they came from: vertices that met another, to 32 bits, and those of triangles
-/// that turned over or lost their area.
-fn untangle(before: &TriMesh, places: &mut [Vec3], h: f64) {
+/// Whether a quad can be cut along its first diagonal and along its second, after its corners went from
+/// the mesh's vertices to `places`: neither triangle turns over or loses its area.
+fn fits(mesh: &QuadMesh, places: &[Vec3], h: f64, quad: [u32; 4]) -> [bool; 2] {
+    let old = quad.map(|v| mesh.vertices()[v as usize]);
+    let facing = (old[2] - old[0]).cross(&(old[3] - old[1]));
+    let [a, b, c, d] = quad.map(|v| places[v as usize]);
+    let whole = |p: Vec3, q: Vec3, r: Vec3| {
+        let area = (q - p).cross(&(r - p));
+        area.dot(&facing) > 0.05 * area.norm() * facing.norm() && area.norm() > 1e-6 * h * h
+    };
+    if quad[2] == quad[3] {
+        let facing = (old[1] - old[0]).cross(&(old[2] - old[0]));
+        let area = (b - a).cross(&(c - a));
+        return [area.dot(&facing) > 0.0; 2];
+    }
+    [
+        whole(a, b, c) && whole(a, c, d),
+        whole(b, c, d) && whole(b, d, a),
+    ]
+}
+
+/// Sends back to where they came from: vertices that met another, to 32 bits, and those of quads that
+/// can no longer be cut into triangles facing the way they did.
+fn untangle(mesh: &QuadMesh, places: &mut [Vec3], h: f64) {
+    let before = mesh.vertices();
     let key = |p: &Vec3| [p.x, p.y, p.z].map(|c| (c as f32 + 0.0).to_bits());
     let mut taken = HashSet::with_capacity(places.len());
-    for (place, old) in places.iter_mut().zip(&before.vertices) {
+    for (place, old) in places.iter_mut().zip(before) {
         if !taken.insert(key(place)) {
             *place = *old;
             taken.insert(key(old));
         }
     }
     drop(taken);
-    let area = |[a, b, c]: [Vec3; 3]| (b - a).cross(&(c - a));
     loop {
-        let corners = |t: &[u32; 3], of: &[Vec3]| t.map(|v| of[v as usize]);
-        let bad: Vec<usize> = (0..before.triangles.len())
-            .into_par_iter()
-            .filter(|&n| {
-                let t = &before.triangles[n];
-                if t.iter()
-                    .all(|&v| places[v as usize] == before.vertices[v as usize])
-                {
-                    return false;
-                }
-                let (old, new) = (area(corners(t, &before.vertices)), area(corners(t, places)));
-                new.dot(&old) <= 0.05 * new.norm() * old.norm() || new.norm() < 1e-6 * h * h
+        let bad: Vec<[u32; 4]> = mesh
+            .quads()
+            .par_iter()
+            .copied()
+            .filter(|q| {
+                let moved = q.iter().any(|&v| places[v as usize] != before[v as usize]);
+                moved && fits(mesh, places, h, *q) == [false; 2]
             })
             .collect();
         if bad.is_empty() {
             return;
         }
-        for v in bad.iter().flat_map(|&n| before.triangles[n]) {
-            places[v as usize] = before.vertices[v as usize];
+        for &v in bad.as_flattened() {
+            places[v as usize] = before[v as usize];
         }
     }
 }
@@ -280,9 +300,13 @@ impl Surface<'_> {
 
     /// The corner or the place on an edge nearest to `p`, in its cell of voxels; a corner beside it.
     fn crease(&self, p: Vec3, found: &mut Found) {
-        for planes in (2..=3).rev() {
+        if !self.may_kink(p) {
+            return;
+        }
+        let around = self.tangents(p, RADII[0] * self.h, 1.5 * self.h);
+        for planes in (2..=around.len()).rev() {
             let on_surface = |x: &Vec3| self.value(*x).abs() < 1e-3 * self.h;
-            let Some(x) = self.meeting(p, planes).filter(on_surface) else {
+            let Some(x) = self.meeting(p, &around[..planes]).filter(on_surface) else {
                 continue;
             };
             let beyond = |a: usize| {
@@ -301,43 +325,58 @@ impl Surface<'_> {
         }
     }
 
-    /// Where so many tangent planes around `p` meet.
-    fn meeting(&self, p: Vec3, planes: usize) -> Option<Vec3> {
-        let mut x = p;
-        for (round, radius) in RADII[planes - 2].into_iter().enumerate() {
-            let radius = radius * self.h;
-            let reach = if round == 0 {
-                1.5 * self.h
-            } else {
-                2.5 * radius
-            };
-            let found = self.tangents(x, radius, reach, planes);
-            if found.len() < planes {
-                return None;
-            }
-            let mut rows = Mat3::zeros();
-            let mut right = Vec3::zeros();
-            for (n, t) in found.iter().enumerate() {
-                rows.set_row(n, &t.normal.transpose());
-                right[n] = -t.distance;
-            }
-            x += rows.svd(true, true).solve(&right, SINGULAR).ok()?;
+    /// Whether the field bends around `p` more than a smooth one of moderate curvature: asked at 14
+    /// points, a small part of what a crease takes.
+    fn may_kink(&self, p: Vec3) -> bool {
+        let middle = 2.0 * self.value(p);
+        let ways = [
+            [1.0, 0.0, 0.0],
+            [0.0, 1.0, 0.0],
+            [0.0, 0.0, 1.0],
+            [0.577, 0.577, 0.577],
+            [0.577, 0.577, -0.577],
+            [0.577, -0.577, 0.577],
+            [-0.577, 0.577, 0.577],
+        ];
+        ways.into_iter().any(|way| {
+            let step = Vec3::from(way) * self.h;
+            let bend = self.value(p + step) + self.value(p - step) - middle;
+            bend.abs() > KINK * self.h
+        })
+    }
+
+    /// Where tangent planes at `p` meet, found again with those that are nearer.
+    fn meeting(&self, p: Vec3, around: &[Tangent]) -> Option<Vec3> {
+        let planes = around.len();
+        let mut x = p + meet(around)?;
+        for radius in &RADII[1..] {
             if (x - p).norm() > 1.5 * self.h {
                 return None;
             }
+            let radius = radius * self.h;
+            let mut found = self.tangents(x, radius, 2.5 * radius);
+            found.truncate(planes);
+            if found.len() < planes {
+                return None;
+            }
+            x += meet(&found)?;
         }
         Some(x)
     }
 
-    /// Planes of different normals, the nearest first, that the field has around `x`.
-    fn tangents(&self, x: Vec3, radius: f64, reach: f64, most: usize) -> Vec<Tangent> {
-        let mut all = Vec::with_capacity(26);
+    /// Up to three planes of different normals, the nearest first, that the field has around `x`.
+    fn tangents(&self, x: Vec3, radius: f64, reach: f64) -> Vec<Tangent> {
+        let mut all = Vec::with_capacity(14);
         for n in (0..27).filter(|&n| n != 13) {
             let way = Vec3::new(
                 f64::from(n / 9 - 1),
                 f64::from(n / 3 % 3 - 1),
                 f64::from(n % 3 - 1),
             );
+            // Faces and corners of the cube around x.
+            if way.norm_squared() == 2.0 {
+                continue;
+            }
             let s = x + way.normalize() * radius;
             let (value, gradient) = self.field.value_and_gradient(WorldPoint(s));
             let slope = gradient.norm();
@@ -351,12 +390,23 @@ impl Surface<'_> {
             }
         }
         all.sort_by(|a, b| a.distance.abs().total_cmp(&b.distance.abs()));
-        let mut found: Vec<Tangent> = Vec::with_capacity(most);
+        let mut found: Vec<Tangent> = Vec::with_capacity(3);
         for t in all {
-            if found.len() < most && found.iter().all(|f| f.normal.dot(&t.normal) < ONE_PLANE) {
+            if found.len() < 3 && found.iter().all(|f| f.normal.dot(&t.normal) < ONE_PLANE) {
                 found.push(t);
             }
         }
         found
     }
+}
+
+/// The shortest way to where planes meet.
+fn meet(planes: &[Tangent]) -> Option<Vec3> {
+    let mut rows = Mat3::zeros();
+    let mut right = Vec3::zeros();
+    for (n, t) in planes.iter().enumerate().take(3) {
+        rows.set_row(n, &t.normal.transpose());
+        right[n] = -t.distance;
+    }
+    rows.svd(true, true).solve(&right, SINGULAR).ok()
 }

@@ -7,7 +7,7 @@ use super::output::Finished;
 use super::report::MeshFacts;
 use super::shape::shape;
 use crate::frame::LengthUnit;
-use crate::io::{MeshView, write_mesh};
+use crate::io::{MeshView, write_beams, write_mesh};
 use crate::mesh::{Projection, QuadMesh, TriMesh};
 use crate::recipe::Output;
 use std::borrow::Cow;
@@ -39,6 +39,12 @@ pub(super) fn write(
         return Ok(None);
     };
     let mut facts = MeshFacts::default();
+    if output.beams {
+        let lattice = super::beams::beams(done.stock)?;
+        facts.faces = lattice.beams.len() as u64;
+        write_beams(path, &lattice, bench.scale.unit.to(unit), unit)?;
+        return Ok(Some(facts));
+    }
     let adaptivity = output.adaptivity.map_or(0.0, |a| a.0);
     let is_plain = !(output.quads || output.project || output.sharp) && adaptivity == 0.0;
     let mut surface = if is_plain {

@@ -151,6 +151,19 @@ fn volumes(
     Ok(written)
 }
 
+/// What a run read, as JSON: the recipe's key, the file's name and its BLAKE3.
+fn hashes(stock: &Stock) -> String {
+    let name = |path: &str| {
+        let name = Path::new(path).file_name();
+        name.map_or(String::new(), |n| n.to_string_lossy().into_owned())
+    };
+    let inputs = stock.report().inputs;
+    let rows = inputs
+        .iter()
+        .map(|i| serde_json::json!({ "key": i.key, "file": name(&i.path), "blake3": i.hash }));
+    serde_json::Value::Array(rows.collect()).to_string()
+}
+
 /// "part.vdb" as "part_2.vdb".
 fn numbered(path: &Path, n: usize) -> PathBuf {
     let mut name = path.file_stem().unwrap_or_default().to_os_string();
@@ -239,6 +252,7 @@ fn volume(
     let text = recipe.source().text();
     file.tag("druse.recipe", &text)?;
     file.tag("druse.recipe_blake3", &super::inputs::hash_text(&text))?;
+    file.tag("druse.inputs", &hashes(done.stock))?;
     file.tag("druse.unit", unit.symbol())?;
     let voxel = bench.scale.voxel_size * factor;
     file.tag("druse.voxel_size", &voxel.to_string())?;

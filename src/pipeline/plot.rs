@@ -15,6 +15,9 @@ use canvas::{Canvas, INK, PALE, RED, Shade};
 use rayon::prelude::*;
 
 mod canvas;
+mod sheet;
+
+pub use sheet::{sheet, sheet_columns};
 
 /// Pixels: a slice, its margin, the chart below, and the page.
 const SLICE: usize = 380;

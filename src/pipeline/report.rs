@@ -192,7 +192,7 @@ pub struct OutputFile {
 /// What is known of a mesh that was written.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct MeshFacts {
-    /// Triangles or quads.
+    /// Triangles, quads or beams.
     pub faces: u64,
     /// Vertices that were put onto edges and corners, if that was asked for.
     #[serde(skip_serializing_if = "Option::is_none")]

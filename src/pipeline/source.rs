@@ -69,6 +69,38 @@ impl Found {
     }
 }
 
+/// The struts of a cell of a recipe, in reference coordinates.
+pub(super) fn skeleton(
+    recipe: &Recipe,
+    section: &CellSection,
+    element: Element,
+) -> Result<Skeleton, SourceFault> {
+    let Some(f) = &section.graph else {
+        return Ok(Skeleton::new());
+    };
+    let path = has_extension(&f.path, &["toml", "json"]).then(|| recipe.resolve(&f.path));
+    parts(section, f, element, path.as_deref())
+}
+
+/// Struts or plates, by name or from a file.
+fn parts(
+    section: &CellSection,
+    f: &FileFrame,
+    element: Element,
+    path: Option<&Path>,
+) -> Result<Skeleton, SourceFault> {
+    let radius = section.radius.map(|r| r.0);
+    let thickness = section.plate_thickness.map(|t| t.0);
+    let name = f.path.to_string_lossy();
+    Ok(match path {
+        Some(path) => crate::io::read_skeleton(path, radius, thickness)?,
+        None if section.graph.is_some() => {
+            Skeleton::graph(element, &name, radius.unwrap_or(RADIUS))?
+        }
+        None => Skeleton::plates_of(element, &name, thickness.unwrap_or(THICKNESS))?,
+    })
+}
+
 /// Where sources are read.
 #[derive(Clone, Copy)]
 pub(super) struct Reader<'a> {
@@ -142,17 +174,8 @@ impl Reader<'_> {
                 Source::voxels(element, &voxels, &place)?
             }
         } else if let Some(f) = section.graph.as_ref().or(section.plates.as_ref()) {
-            let radius = section.radius.map(|r| r.0);
-            let thickness = section.plate_thickness.map(|t| t.0);
-            let name = f.path.to_string_lossy();
-            let skeleton = if has_extension(&f.path, &["toml", "json"]) {
-                let path = open("graph", f);
-                crate::io::read_skeleton(&path, radius, thickness)?
-            } else if section.graph.is_some() {
-                Skeleton::graph(element, &name, radius.unwrap_or(RADIUS))?
-            } else {
-                Skeleton::plates_of(element, &name, thickness.unwrap_or(THICKNESS))?
-            };
+            let path = has_extension(&f.path, &["toml", "json"]).then(|| open("graph", f));
+            let skeleton = parts(section, f, element, path.as_deref())?;
             Source::skeleton(element, &skeleton, &place)?
         } else if let (Some(frame), Some(recipe)) = (&section.crystal, self.recipe) {
             let made = Crystal::make(recipe, frame).map_err(SourceFault::Run)?;

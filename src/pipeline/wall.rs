@@ -149,7 +149,6 @@ fn inscribed(p: Vec3, inward: Vec3, tree: &Tree, [first, widest]: [f64; 2]) -> O
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::frame::Aabb;
     use crate::progress::Silent;
 
     /// A box of `size`, each face an n x n grid of quads.

@@ -57,6 +57,9 @@ pub struct Output {
     pub adaptivity: Option<Fraction>,
     /// Merge triangles until this share is left.
     pub decimate: Option<Brief<Decimate>>,
+    /// Write the struts of a graph as beams (.3mf with the beam lattice extension) instead of triangles:
+    /// for one cell over a scaffold of straight elements, whole beams that nothing cuts.
+    pub beams: bool,
     /// Width and height of the picture in pixels: [1000, 800] or "1000x800".
     pub size: Option<PictureSize>,
     /// A cut plane of the picture, as in "x=0" (recipe's unit).

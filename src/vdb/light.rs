@@ -1,6 +1,7 @@
 //! Light on what rays met: openness, colours, pixels.
 
 use super::camera::View;
+use super::paint::Paint;
 use super::render::{Image, Picture};
 use crate::frame::Vec3;
 use crate::progress::{Cancelled, Progress};
@@ -137,6 +138,7 @@ pub(super) struct Lights {
     /// Depth of the nearest and farthest sample.
     depths: [f32; 2],
     open: Vec<f32>,
+    paint: Paint,
 }
 
 impl Lights {
@@ -147,7 +149,13 @@ impl Lights {
             forward: Short::z(),
             depths: [0.0, 1.0],
             open: Vec::new(),
+            paint: Paint::default(),
         }
+    }
+
+    /// The same on a coloured surface.
+    pub fn with_paint(self, paint: Paint) -> Self {
+        Self { paint, ..self }
     }
 
     pub fn new(view: &View, key: Vec3, hits: &[Option<Hit>], open: Vec<f32>) -> Self {
@@ -163,6 +171,7 @@ impl Lights {
             forward,
             depths,
             open,
+            paint: Paint::default(),
         }
     }
 
@@ -182,7 +191,11 @@ impl Lights {
         let span = (self.depths[1] - self.depths[0]).max(f32::MIN_POSITIVE);
         let far = (hit.position.dot(&self.forward) - self.depths[0]) / span;
         let fade = 0.18 * far.clamp(0.0, 1.0);
-        let albedo = if hit.on_cut { CUT } else { SURFACE };
+        let albedo = match self.paint.colour(n) {
+            _ if hit.on_cut => CUT,
+            Some(own) => own,
+            None => SURFACE,
+        };
         std::array::from_fn(|c| {
             let around = (GROUND[c] + (SKY[c] - GROUND[c]) * sky) * open * open;
             let light = around + 1.05 * lit * (0.4 + 0.6 * open) + 0.2 * fill * open;

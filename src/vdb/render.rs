@@ -5,8 +5,9 @@
 
 use super::camera::View;
 use super::light::{FINE, Hit, Lights, Short, develop, openness};
-use super::{LevelSet, Session, VdbError, ffi};
-use crate::frame::Vec3;
+use super::paint::Paint;
+use super::{LevelSet, Session, VdbError, Volume, ffi};
+use crate::frame::{Vec3, WorldPoint};
 use rayon::prelude::*;
 
 /// What a picture shows, and how.
@@ -62,6 +63,29 @@ impl LevelSet {
     /// [`VdbError::Parameter`] for a size of 0 or beyond 2^26 pixels or a cut on an axis other than
     /// 0, 1, 2; [`VdbError::Cancelled`]; what OpenVDB refuses.
     pub fn render(&self, picture: &Picture, session: Session<'_>) -> Result<Image, VdbError> {
+        Ok(self.render_with(picture, None, session)?.0)
+    }
+
+    /// As [`LevelSet::render`], coloured by the values of a grid, dark violet to yellow; the values at the
+    /// two ends, which 2 % of what is seen lie beyond.
+    ///
+    /// # Errors
+    /// As [`LevelSet::render`].
+    pub fn render_by(
+        &self,
+        picture: &Picture,
+        grid: &Volume,
+        session: Session<'_>,
+    ) -> Result<(Image, [f32; 2]), VdbError> {
+        self.render_with(picture, Some(grid), session)
+    }
+
+    fn render_with(
+        &self,
+        picture: &Picture,
+        grid: Option<&Volume>,
+        session: Session<'_>,
+    ) -> Result<(Image, [f32; 2]), VdbError> {
         let (width, height) = (picture.width, picture.height);
         let pixels = width.saturating_mul(height);
         if pixels == 0 || pixels > MOST_PIXELS {
@@ -86,11 +110,8 @@ impl LevelSet {
         }
         let bounds = self.bounds()?;
         if bounds.is_empty() {
-            return Ok(develop(
-                picture,
-                &vec![None; pixels * FINE * FINE],
-                &Lights::none(),
-            ));
+            let nothing = vec![None; pixels * FINE * FINE];
+            return Ok((develop(picture, &nothing, &Lights::none()), [0.0; 2]));
         }
         let (columns, rows) = (width * FINE, height * FINE);
         let towards = picture.towards_eye;
@@ -115,6 +136,8 @@ impl LevelSet {
                 })
                 .collect();
             drop(numbers);
+            let values = grid.map(|g| values_at(&hits, view.eye, g)).transpose()?;
+            let paint = Paint::new(values.unwrap_or_default());
             let reach = 0.05 * bounds.half_diagonal();
             let open = openness(
                 &hits,
@@ -123,11 +146,9 @@ impl LevelSet {
                 reach / view.pixel(),
                 session.progress,
             )?;
-            Ok(develop(
-                picture,
-                &hits,
-                &Lights::new(&view, key, &hits, open),
-            ))
+            let range = paint.range();
+            let lights = Lights::new(&view, key, &hits, open).with_paint(paint);
+            Ok((develop(picture, &hits, &lights), range))
         })
     }
 
@@ -188,6 +209,18 @@ impl Image {
         })?;
         Ok(bytes)
     }
+}
+
+/// Values of a grid where samples met something, 0 elsewhere.
+fn values_at(hits: &[Option<Hit>], eye: Vec3, grid: &Volume) -> Result<Vec<f32>, VdbError> {
+    let rows = hits.par_chunks(1 << 14).map(|hits| {
+        let places = hits.iter().map(|hit| {
+            let p = hit.as_ref().map_or(eye, |h| eye + h.position.cast());
+            WorldPoint(p)
+        });
+        grid.samples(&places.collect::<Vec<_>>())
+    });
+    Ok(rows.collect::<Result<Vec<_>, _>>()?.concat())
 }
 
 /// The box of samples that met something; all of them if none did.

@@ -60,11 +60,18 @@ def main():
     row("vdb_print", ".vdb", "libopenvdb-tools", "vdb_print", "-l", part, expect="level set")
     row("vdb_render", ".vdb", "libopenvdb-tools", "vdb_render", part, at("render.png"), "-res", "160x120")
     row("vdb_tool", ".vdb", "libopenvdb-tools", "vdb_tool", "-read", part, "-ls2mesh", "-write", at("tool.ply"))
-    row("nanovdb_convert, nanovdb_validate", ".vdb", "libnanovdb-tools", "sh", "-c",
-        'command -v nanovdb_convert >/dev/null || exit 0; nanovdb_convert -f "$1" "$2" && nanovdb_validate "$2"',
-        "sh", part, at("part.nvdb"))
-    if shutil.which("nanovdb_convert") is None:
-        rows[-1] = (*rows[-1][:2], "not installed (libnanovdb-tools)")
+    row("pyopenvdb: grids to shade by", ".vdb", "python3-openvdb", python, os.path.join(HERE, "grids_pyopenvdb.py"),
+        druse, work, expect="8 grids")
+    row("Blender: grids to shade by", ".vdb", "blender", "blender", "-b", "--factory-startup", "-t", "2",
+        "--python-exit-code", "3", "--python", os.path.join(HERE, "grids_blender.py"), "--",
+        os.path.abspath(at("shaded.vdb")), "surface", "density", "cell_id", "element_id", "weight_b", "thickness", "uvw",
+        "fold")
+    row("nanovdb_validate", ".nvdb", "libnanovdb-tools", "nanovdb_validate", at("shaded.nvdb"))
+    row("nanovdb_print", ".nvdb", "libnanovdb-tools", "nanovdb_print", at("shaded.nvdb"), expect="uvw")
+    # Built beside Druse: it links a Blosc of its own.
+    row("crate vdb-rs", ".vdb", "Rust", "cargo", "run", "--quiet", "--release", "--manifest-path",
+        os.path.join(HERE, "vdb_rs", "Cargo.toml"), "--target-dir", at("vdb_rs"), "--", at("shaded.vdb"),
+        expect=r"surface [1-9]\d+ voxels")
     with open(report, encoding="utf-8") as file:
         said = json.load(file)
     millimetres = MILLIMETRES[said["unit"]]

@@ -17,6 +17,7 @@ mod meshes;
 mod operations;
 mod pictures;
 mod pieces;
+mod series;
 mod shapes;
 mod stopping;
 mod tools;

@@ -122,7 +122,39 @@ fn what_cannot_be_done_is_said() {
     )
     .unwrap();
     std::fs::write(place.0.path().join("noise.vdb"), b"not a volume at all").unwrap();
-    let cases: [(&str, i32, &[&str]); 12] = [
+    let cases: [(&str, i32, &[&str]); 20] = [
+        ("filter a.vdb -o none.vdb prune --lod 9", 65, &["1 to 8"]),
+        (
+            "filter a.vdb -o none.vdb prune --grids uvw",
+            65,
+            &["uvw needs a [scaffold]"],
+        ),
+        (
+            "filter a.vdb -o none.vdb prune --segments some",
+            65,
+            &["some", "grids", "files"],
+        ),
+        (
+            "filter a.vdb -o none.nvdb prune --usda",
+            65,
+            &["a .usda names grids of a .vdb"],
+        ),
+        ("mesh a.vdb -o none.stl --quads", 65, &["triangles only"]),
+        (
+            "mesh a.vdb -o none.ply --decimate 2",
+            2,
+            &["between 0 and 1"],
+        ),
+        (
+            "preview a.vdb -o none.png --color density",
+            65,
+            &["no grid \"density\"", "surface"],
+        ),
+        (
+            "voxelize a.stl -o none.vdb --voxel-size 1e-30mm",
+            65,
+            &["OpenVDB holds none under"],
+        ),
         (
             "filter a.vdb -o none.vdb dillate=1",
             65,

@@ -91,6 +91,7 @@ pub(super) fn outputs(sections: &Sections, source: &Source) -> Checked {
                 .chain([("unit", output.unit.is_some() && !with_unit, "vdb or mesh")]);
         let of_mesh = [
             ("quads", output.quads),
+            ("beams", output.beams),
             ("project", output.project),
             ("sharp", output.sharp),
             ("adaptivity", output.adaptivity.is_some()),
@@ -181,6 +182,51 @@ fn grids(
     Ok(())
 }
 
+/// What beams may be.
+fn beams(
+    sections: &Sections,
+    output: &Output,
+    extension: &str,
+    key: &str,
+    source: &Source,
+) -> Checked {
+    let fault = |message: String| Err(source.fault(&format!("{key}.beams"), message));
+    if extension != "3mf" {
+        return fault(format!("a .{extension} holds no beams; expected .3mf"));
+    }
+    let of_triangles = output.project || output.sharp || output.adaptivity.is_some();
+    if of_triangles || output.decimate.is_some() || output.quads {
+        return fault(
+            "beams are no triangles; expected none of quads, project, sharp, adaptivity, decimate"
+                .into(),
+        );
+    }
+    if let Some(op) = sections.op.first() {
+        let name = op.name();
+        return fault(format!(
+            "beams are whole struts, which op.0.{name} changes; expected no [[op]]"
+        ));
+    }
+    let tiling = sections.tiling.as_ref();
+    let alone = tiling.filter(|t| {
+        t.cell.is_some()
+            && t.level.is_none()
+            && t.volume_fraction.is_none()
+            && t.thickness.is_none()
+    });
+    let cell = alone
+        .and_then(|t| t.cell.as_ref())
+        .and_then(|c| sections.cell.get(c));
+    match cell {
+        Some(c) if c.graph.is_some() && c.place.is_none() && c.levels().is_empty() => Ok(()),
+        _ => fault(
+            "beams are struts of one cell with graph; expected [tiling] cell = ... without grading, and \
+             a cell without place, level, volume_fraction and thickness"
+                .into(),
+        ),
+    }
+}
+
 /// What a mesh may be.
 fn mesh(
     sections: &Sections,
@@ -190,6 +236,9 @@ fn mesh(
     source: &Source,
 ) -> Checked {
     let fault = |word: &str, message: String| Err(source.fault(&format!("{key}.{word}"), message));
+    if output.beams {
+        return beams(sections, output, extension, key, source);
+    }
     if output.quads && !matches!(extension, "ply" | "obj") {
         return fault(
             "quads",

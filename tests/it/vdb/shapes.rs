@@ -139,14 +139,15 @@ fn ramp(directory: &std::path::Path) -> Volume {
     // Wide enough that the whole ball below lies in it.
     solid.widen(8, session()).unwrap();
     let along = solid
-        .attribute(
-            |points| points.iter().map(|p| [p.0.x as f32]).collect(),
+        .attributes(
+            &[1],
+            |points| points.iter().map(|p| p.0.x as f32).collect(),
             session(),
         )
         .unwrap();
     let path = directory.join("ramp.vdb");
     let mut file = VdbWriter::new(&path, session()).unwrap();
-    file.attribute("along", &along).unwrap();
+    file.attribute("along", &along[0]).unwrap();
     file.write().unwrap();
     Volume::read(&path, None).unwrap()
 }
@@ -329,17 +330,18 @@ fn attributes_and_half_floats_come_back_with_their_hash() {
     let path = directory.path().join("a.vdb");
     let solid = sphere(4.0, 0.25);
     let place = solid
-        .attribute(
+        .attributes(
+            &[3],
             |points| {
                 let numbers = points.iter().map(|p| [p.0.x as f32, p.0.y as f32, 1.0]);
-                numbers.collect()
+                numbers.flatten().collect()
             },
             session(),
         )
         .unwrap();
     let mut file = VdbWriter::new(&path, session()).unwrap();
     file.level_set_as_half("surface", &solid).unwrap();
-    file.attribute("uvw", &place).unwrap();
+    file.attribute("uvw", &place[0]).unwrap();
     let written = file.write().unwrap();
     let info = vdb::info(&path).unwrap();
     assert_eq!(info.content_hash, Some(written.content_hash));

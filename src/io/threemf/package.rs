@@ -1,0 +1,121 @@
+//! Writing 3MF: a zip archive of one model, in triangles or in beams.
+
+use crate::frame::{LengthUnit, Vec3};
+use crate::io::{BeamLattice, Faces, MeshView};
+use std::io::{self, Seek, Write};
+use zip::{CompressionMethod, ZipWriter, write::SimpleFileOptions};
+
+const CONTENT_TYPES: &str = r#"<?xml version="1.0" encoding="UTF-8"?>
+<Types xmlns="http://schemas.openxmlformats.org/package/2006/content-types"><Default Extension="rels" ContentType="application/vnd.openxmlformats-package.relationships+xml"/><Default Extension="model" ContentType="application/vnd.ms-package.3dmanufacturing-3dmodel+xml"/></Types>
+"#;
+
+const RELATIONS: &str = r#"<?xml version="1.0" encoding="UTF-8"?>
+<Relationships xmlns="http://schemas.openxmlformats.org/package/2006/relationships"><Relationship Target="/3D/3dmodel.model" Id="rel0" Type="http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel"/></Relationships>
+"#;
+
+/// Attributes of a model with beams.
+const BEAMS: &str = " xmlns:b=\"http://schemas.microsoft.com/3dmanufacturing/beamlattice/2017/02\" \
+                     requiredextensions=\"b\"";
+
+/// The archive around one object's mesh: `extensions` are attributes of the model, `bytes` how long the
+/// text may become (plain zip entries end at 4 GiB).
+fn package<W: Write + Seek>(
+    out: W,
+    (unit, extensions, bytes): (LengthUnit, &str, u64),
+    mesh: impl FnOnce(&mut dyn Write) -> io::Result<()>,
+) -> io::Result<()> {
+    let options = SimpleFileOptions::default().compression_method(CompressionMethod::Deflated);
+    let mut zip = ZipWriter::new(out);
+    for (name, text) in [
+        ("[Content_Types].xml", CONTENT_TYPES),
+        ("_rels/.rels", RELATIONS),
+    ] {
+        zip.start_file(name, options)?;
+        zip.write_all(text.as_bytes())?;
+    }
+    let large = options.large_file(bytes >= u64::from(u32::MAX));
+    zip.start_file("3D/3dmodel.model", large.compression_level(Some(3)))?;
+    let mut xml = io::BufWriter::with_capacity(1 << 16, zip);
+    write!(
+        xml,
+        "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<model unit=\"{}\" xml:lang=\"en-US\" \
+         xmlns=\"http://schemas.microsoft.com/3dmanufacturing/core/2015/02\"{extensions}>\n\
+         <metadata name=\"Application\">druse {}</metadata>\n\
+         <resources><object id=\"1\" type=\"model\"><mesh>\n",
+        unit.name_3mf(),
+        env!("CARGO_PKG_VERSION")
+    )?;
+    mesh(&mut xml)?;
+    write!(
+        xml,
+        "</mesh></object></resources>\n<build><item objectid=\"1\"/></build>\n</model>\n"
+    )?;
+    xml.flush()?;
+    xml.into_inner()
+        .map_err(io::IntoInnerError::into_error)?
+        .finish()?;
+    Ok(())
+}
+
+fn vertices(xml: &mut dyn Write, points: impl Iterator<Item = Vec3>) -> io::Result<()> {
+    writeln!(xml, "<vertices>")?;
+    for v in points {
+        // As many digits as f32 needs, with an exponent where that is shorter: xs:double.
+        let [x, y, z] = [v.x, v.y, v.z].map(|c| c as f32);
+        writeln!(xml, "<vertex x=\"{x:?}\" y=\"{y:?}\" z=\"{z:?}\"/>")?;
+    }
+    writeln!(xml, "</vertices>")
+}
+
+/// Writes one object; triangles that name a vertex twice, which the format forbids, are left out.
+pub(in crate::io) fn write(
+    out: &mut (impl Write + Seek),
+    mesh: &MeshView,
+    unit: LengthUnit,
+) -> io::Result<()> {
+    // At most about 64 bytes a vertex and twice that a triangle.
+    let bytes = 64 * (mesh.vertices.len() as u64 + 2 * mesh.faces.len() as u64);
+    let triangles = match mesh.faces {
+        Faces::Triangles(triangles) => triangles,
+        Faces::Quads(_) => &[],
+    };
+    package(out, (unit, "", bytes), |xml| {
+        vertices(xml, mesh.points())?;
+        writeln!(xml, "<triangles>")?;
+        let whole = triangles
+            .iter()
+            .filter(|[a, b, c]| a != b && b != c && c != a);
+        for [a, b, c] in whole {
+            writeln!(xml, "<triangle v1=\"{a}\" v2=\"{b}\" v3=\"{c}\"/>")?;
+        }
+        writeln!(xml, "</triangles>")
+    })
+}
+
+/// Writes beams with round ends (beam lattice extension, version 1).
+pub(in crate::io) fn write_beams(
+    out: &mut (impl Write + Seek),
+    lattice: &BeamLattice,
+    (factor, unit): (f64, LengthUnit),
+) -> io::Result<()> {
+    let bytes = 64 * lattice.nodes.len() as u64 + 128 * lattice.beams.len() as u64;
+    let radius = lattice.beams.first().map_or(1.0, |b| b.radii[0] * factor);
+    package(out, (unit, BEAMS, bytes), |xml| {
+        vertices(xml, lattice.nodes.iter().map(|n| n * factor))?;
+        writeln!(
+            xml,
+            "<b:beamlattice radius=\"{:?}\" minlength=\"{:?}\" cap=\"sphere\">\n<b:beams>",
+            radius as f32,
+            (1e-6 * radius) as f32
+        )?;
+        for beam in &lattice.beams {
+            let [a, b] = beam.ends;
+            let [r1, r2] = beam.radii.map(|r| (r * factor) as f32);
+            writeln!(
+                xml,
+                "<b:beam v1=\"{a}\" v2=\"{b}\" r1=\"{r1:?}\" r2=\"{r2:?}\"/>"
+            )?;
+        }
+        writeln!(xml, "</b:beams></b:beamlattice>")
+    })
+}

@@ -1,0 +1,58 @@
+//! Numbers as colours: viridis (Smith and van der Walt, CC0), dark violet to yellow.
+
+/// Ten of its colours, sRGB, evenly apart.
+const ANCHORS: [[u8; 3]; 10] = [
+    [68, 1, 84],
+    [72, 40, 120],
+    [62, 74, 137],
+    [49, 104, 142],
+    [38, 130, 142],
+    [31, 158, 137],
+    [53, 183, 121],
+    [109, 205, 89],
+    [180, 222, 44],
+    [253, 231, 37],
+];
+/// Share of the numbers beyond each end of the range.
+const BEYOND: f64 = 0.01;
+
+/// A number for each sample, or none at all.
+#[derive(Default)]
+pub(super) struct Paint {
+    values: Vec<f32>,
+    range: [f32; 2],
+}
+
+impl Paint {
+    /// The range leaves a hundredth of the numbers beyond each end; zeros count for nothing if there are
+    /// others, since that is what lies beside the band.
+    pub fn new(values: Vec<f32>) -> Self {
+        let mut sorted: Vec<f32> = values.iter().copied().filter(|v| *v != 0.0).collect();
+        sorted.sort_unstable_by(f32::total_cmp);
+        let at = |share: f64| {
+            let place = share * sorted.len().saturating_sub(1) as f64;
+            sorted.get(place.round() as usize).copied().unwrap_or(0.0)
+        };
+        let range = [at(BEYOND), at(1.0 - BEYOND)];
+        Self { values, range }
+    }
+
+    pub fn range(&self) -> [f32; 2] {
+        self.range
+    }
+
+    /// Linear colour of a sample; `None` without numbers.
+    pub fn colour(&self, sample: usize) -> Option<[f32; 3]> {
+        let [low, high] = self.range;
+        let value = *self.values.get(sample)?;
+        let span = if high > low { high - low } else { 1.0 };
+        let t = ((value - low) / span).clamp(0.0, 1.0) * (ANCHORS.len() - 1) as f32;
+        let n = (t as usize).min(ANCHORS.len() - 2);
+        let share = t - n as f32;
+        let linear = |c: u8| (f32::from(c) / 255.0).powf(2.2);
+        Some(std::array::from_fn(|c| {
+            let (a, b) = (linear(ANCHORS[n][c]), linear(ANCHORS[n + 1][c]));
+            a + (b - a) * share
+        }))
+    }
+}
