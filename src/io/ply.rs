@@ -434,12 +434,10 @@ fn head(mesh: &MeshView, unit: LengthUnit) -> String {
     } else {
         "uint"
     };
-    let extra: String = mesh
-        .attributes
-        .iter()
-        .flat_map(|a| &a.names)
-        .map(|name| format!("property float {name}\n"))
-        .collect();
+    let names = mesh.attributes.iter().flat_map(|a| &a.names);
+    let extra = names.fold(String::new(), |all, name| {
+        all + "property float " + name + "\n"
+    });
     format!(
         "ply\nformat binary_little_endian 1.0\ncomment druse unit={unit}\nelement vertex {}\n\
          property float x\nproperty float y\nproperty float z\n{extra}element face {}\n\

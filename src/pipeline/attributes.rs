@@ -94,7 +94,7 @@ impl<'a> Attributes<'a> {
                         out.push(own.map_or(0.0, |w| *w as f32));
                     }
                     (GridWord::Uvw, Some((_, (_, xi)))) => {
-                        out.extend(xi.0.map(|c| c as f32).iter())
+                        out.extend(xi.0.map(|c| c as f32).iter());
                     }
                     (GridWord::Fold, Some((f, (e, xi)))) => {
                         let shape = f.fill.loaded.scaffold.element(*e).shape();

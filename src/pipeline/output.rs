@@ -164,7 +164,7 @@ fn hashes(stock: &Stock) -> String {
     serde_json::Value::Array(rows.collect()).to_string()
 }
 
-/// "part.vdb" as "part_2.vdb".
+/// `part.vdb` as `part_2.vdb`.
 fn numbered(path: &Path, n: usize) -> PathBuf {
     let mut name = path.file_stem().unwrap_or_default().to_os_string();
     name.push(format!("_{n}."));

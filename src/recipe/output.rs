@@ -14,6 +14,8 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 /// One file. Exactly one of `vdb`, `mesh`, `picture` and `report` says which.
+// Keys of a recipe are flags one by one.
+#[allow(clippy::struct_excessive_bools)]
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Output {
@@ -29,14 +31,14 @@ pub struct Output {
     pub unit: Option<Unit>,
     /// Also write the fog volume "density" into the .vdb.
     pub fog: bool,
-    /// Grids of the .vdb: "surface", "density", and to shade by "cell_id", "element_id", "weight_NAME",
+    /// Grids of the .vdb: "surface", "density", and to shade by `cell_id`, `element_id`, `weight_NAME`,
     /// "thickness", "uvw", "fold"; the latter also as vertex attributes of a .ply. "surface" alone when
     /// left out.
     pub grids: Option<Vec<GridWord>>,
-    /// Copies of the level set on voxels of twice, four times ... the edge, as "surface_lod_1" and so on.
+    /// Copies of the level set on voxels of twice, four times ... the edge, as `surface_lod_1` and so on.
     #[schemars(range(min = 1, max = 8))]
     pub lod: Option<u8>,
-    /// Write the connected pieces one by one: as grids "surface_1" and so on of the .vdb, or as files.
+    /// Write the connected pieces one by one: as grids `surface_1` and so on of the .vdb, or as files.
     pub segments: Option<Segments>,
     /// Also write a USD file (.usda) beside the .vdb that names its grids.
     pub usda: bool,
@@ -89,7 +91,7 @@ impl Short for Decimate {
 pub enum Segments {
     /// Grids of one file.
     Grids,
-    /// Files of their own: NAME_1.vdb, the largest piece, and so on.
+    /// Files of their own: `NAME_1.vdb`, the largest piece, and so on.
     Files,
 }
 

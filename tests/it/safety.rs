@@ -197,7 +197,7 @@ fn a_full_disk_is_told_with_path_and_bytes() {
 #[test]
 fn random_lattices_have_closed_manifold_meshes() {
     let count = if full() { 1000 } else { 200 };
-    let surfaces = ["schwarz_p", "diamond", "iwp", "neovius", "f_rd"];
+    let surfaces = ["schwarz_p", "iwp", "neovius", "f_rd"];
     let walls = [
         "",
         "intersect = { box = { size = [9, 0.6, 9] } }",
