@@ -234,6 +234,8 @@ fn folded(shape: Element, xi: CellPoint<3>) -> [f64; 3] {
             falling(&mut all);
             all
         }
+        // Never an element of a scaffold.
+        Element::Ball => u.into(),
         Element::Pyramid | Element::Quad => {
             let mut all = [u.x.abs(), u.y.abs()];
             falling(&mut all);
