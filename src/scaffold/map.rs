@@ -4,7 +4,7 @@
 //! affine within 1e-12 of their size (every Tet4, straight Tet10, parallelepipeds) take a closed
 //! form; the others invert F by damped Newton steps.
 
-use super::basis::Basis;
+use super::basis::{Basis, line};
 use super::bernstein::{Net, Part, index, lattice};
 use super::kind::{Family, Kind};
 use super::pyramid::Twisted;
@@ -167,6 +167,9 @@ impl Curved {
 
     /// As [`Self::evaluate`], from the control points.
     fn sum(&self, xi: CellPoint<3>) -> (Vec3, Mat3) {
+        if self.net.family == Family::Tensor {
+            return self.contracted(self.kind.parameters(xi));
+        }
         let basis = Basis::at(self.kind, self.kind.parameters(xi));
         let mut x = Vec3::zeros();
         let mut columns = [Vec3::zeros(); 3];
@@ -177,10 +180,35 @@ impl Curved {
             columns[2] += c * basis.slopes[2][i];
         }
         let by_parameters = Mat3::from_columns(&columns);
-        match self.kind.family() {
-            Family::Tensor => (x, by_parameters),
-            Family::Simplex | Family::Prism => (x, by_parameters * self.kind.parameters_by_cell()),
+        (x, by_parameters * self.kind.parameters_by_cell())
+    }
+
+    /// The point and the Jacobian of a map of cubes, whose parameters are the cell's coordinates but
+    /// for a shift: one axis summed after the other.
+    fn contracted(&self, r: Vec3) -> (Vec3, Mat3) {
+        let n = self.net.degree;
+        let [(bx, dx), (by, dy), (bz, dz)] = [r.x, r.y, r.z].map(|t| line(n, t));
+        let mut x = Vec3::zeros();
+        let mut columns = [Vec3::zeros(); 3];
+        let mut coefficients = self.net.coefficients.iter();
+        for k in 0..=n {
+            let (mut plane, mut along, mut across) = (Vec3::zeros(), Vec3::zeros(), Vec3::zeros());
+            for j in 0..=n {
+                let (mut row, mut slope) = (Vec3::zeros(), Vec3::zeros());
+                for (i, c) in coefficients.by_ref().take(n + 1).enumerate() {
+                    row += c * bx[i];
+                    slope += c * dx[i];
+                }
+                plane += row * by[j];
+                along += slope * by[j];
+                across += row * dy[j];
+            }
+            x += plane * bz[k];
+            columns[0] += along * bz[k];
+            columns[1] += across * bz[k];
+            columns[2] += plane * dz[k];
         }
+        (x, Mat3::from_columns(&columns))
     }
 
     /// The Jacobian dx/dxi as a polynomial over the cell.
