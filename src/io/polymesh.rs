@@ -184,8 +184,8 @@ impl Draft {
             holes += 1;
         }
         if holes > 0 {
-            let text =
-                format!("{holes} holes are closed, each with one face; these are group {group}");
+            let plural = if holes == 1 { " is" } else { "s are" };
+            let text = format!("{holes} hole{plural} closed, each with one face of group {group}");
             self.warnings.push(text);
         }
     }

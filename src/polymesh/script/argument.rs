@@ -323,7 +323,7 @@ impl<'s, 'w> Arguments<'s, 'w> {
     }
 
     /// Nothing may be left over.
-    pub fn finish(self) -> Result<(), ScriptError> {
+    pub fn finish(&self) -> Result<(), ScriptError> {
         let Some(n) = self.used.iter().position(|u| !u) else {
             return Ok(());
         };

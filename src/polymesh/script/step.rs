@@ -237,6 +237,8 @@ fn load(a: &mut Arguments, workshop: &Workshop) -> Done {
         flip: a.flag("flip")?,
         allow_open: a.flag("allow_open")?,
     };
+    // A word that is not understood matters more than what the file says without it.
+    a.finish()?;
     let loaded = workshop.files.load(file(word), &options);
     let loaded = loaded.map_err(|e| a.fault(e))?;
     let mut outcome = Outcome::mesh(loaded.mesh);

@@ -1,7 +1,7 @@
 //! `druse crystal`: what it writes, says and refuses.
 
 use serde_json::Value;
-use std::io::Write;
+use std::io::{BufRead, BufReader, Read, Write};
 use std::path::Path;
 use std::process::{Command, Output, Stdio};
 
@@ -123,6 +123,76 @@ fn a_conversation_goes_on_after_errors_and_undoes() {
     }
     assert!(place.path().join("a.obj").exists());
     assert!(!out.contains("never"));
+}
+
+/// A request to the page of `--view`; gives the answer's first line and text.
+fn ask(address: &str, request: &str, host: &str, body: &str) -> (String, String) {
+    let mut stream = std::net::TcpStream::connect(address).unwrap();
+    let length = body.len();
+    let head = format!(
+        "{request} HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\nContent-Length: {length}\r\n\r\n"
+    );
+    stream.write_all((head + body).as_bytes()).unwrap();
+    let mut answer = Vec::new();
+    stream.read_to_end(&mut answer).unwrap();
+    let answer = text(&answer);
+    let (head, body) = answer.split_once("\r\n\r\n").unwrap();
+    (head.lines().next().unwrap().to_owned(), body.to_owned())
+}
+
+#[test]
+fn the_page_serves_who_knows_its_address_and_writes_beside_the_script() {
+    let place = tempfile::tempdir().unwrap();
+    let folder = place.path().join("models");
+    std::fs::create_dir(&folder).unwrap();
+    std::fs::write(folder.join("star.crystal"), STAR).unwrap();
+    let mut child = Command::new(env!("CARGO_BIN_EXE_druse"))
+        .args(["crystal", "star.crystal", "--view"])
+        .current_dir(&folder)
+        .stdout(Stdio::piped())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    let mut url = String::new();
+    let mut stdout = BufReader::new(child.stdout.take().unwrap());
+    stdout.read_line(&mut url).unwrap();
+    let address = url.trim().strip_prefix("http://").unwrap();
+    let (host, token) = address.split_once('/').unwrap();
+    assert!(host.starts_with("127.0.0.1:") && token.len() == 33, "{url}");
+    let post = |what: &str, body: &str| ask(host, &format!("POST /{token}{what}"), host, body);
+    let get = |path: &str, name: &str| ask(host, &format!("GET {path}"), name, "");
+    let model = format!("/{token}model");
+    assert!(get(&format!("/{token}"), host).1.contains("<canvas"));
+    assert!(get(&model, host).1.contains("24 vertices"));
+    let wrong = format!("/{}/model", "0".repeat(32));
+    for (path, name) in [
+        (&wrong, host),
+        (&"/".into(), host),
+        (&model, "elsewhere.example"),
+    ] {
+        let (status, said) = get(path, name);
+        assert!(
+            status.contains("403") && !said.contains("vertices"),
+            "{path}: {status}"
+        );
+    }
+    assert!(post("step", "remesh dual").1.contains("22 vertices"));
+    assert!(post("again", "remesh simplest").1.contains("44 vertices"));
+    assert!(post("again", "remesh simple").0.contains("422"));
+    assert!(post("save", "made.crystal").0.contains("200"));
+    let made = std::fs::read_to_string(folder.join("made.crystal")).unwrap();
+    assert_eq!(made, format!("{STAR}remesh simplest\n"));
+    for name in ["../out.obj", "/tmp/out.obj", "sub/out.obj", "", ".."] {
+        assert!(post("save", name).0.contains("403"), "{name}");
+    }
+    assert!(post("step", "save ../out.obj").0.contains("422"));
+    assert!(!place.path().join("out.obj").exists());
+    for _ in 0..5 {
+        assert!(post("undo", "").0.contains("200"));
+    }
+    assert!(post("undo", "").0.contains("422"));
+    post("quit", "");
+    assert!(child.wait().unwrap().success());
 }
 
 #[test]

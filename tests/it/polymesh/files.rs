@@ -327,7 +327,7 @@ fn holes_are_closed_on_request() {
     assert!((loaded.mesh.volume() - 8.0).abs() < 1e-12);
     assert_eq!(loaded.mesh.group_counts(), [(1, 4), (2, 2)].into());
     assert!(
-        loaded.warnings[0].contains("2 holes are closed"),
+        loaded.warnings[0].contains("2 holes are closed, each with one face of group 2"),
         "{:?}",
         loaded.warnings
     );
