@@ -219,7 +219,7 @@ fn random_lattices_have_closed_manifold_meshes() {
         for _ in 0..dice.below(3) {
             let wall = walls[dice.below(walls.len())];
             if !wall.is_empty() {
-                ops += &format!("[[op]]\n{wall}\n");
+                ops = format!("{ops}[[op]]\n{wall}\n");
             }
         }
         // Exact fields cost most: of every twentieth lattice only.
