@@ -38,6 +38,7 @@ struct LeafHead;
 struct Tile;
 struct MetaEntry;
 struct GridFacts;
+struct TreeFacts;
 struct Smoothing;
 struct Range;
 struct Camera;
@@ -119,6 +120,15 @@ class FileOut {
   std::unique_ptr<Impl> impl;
 };
 
+// A file of one grid that is written while its blocks come and go.
+class Stream {
+ public:
+  struct Impl;
+  explicit Stream(std::unique_ptr<Impl>);
+  ~Stream();
+  std::unique_ptr<Impl> impl;
+};
+
 // grid.cc: grids as wholes, and blocks
 void initialize();
 std::unique_ptr<Grid> grid_new(double voxel_size, float background);
@@ -167,7 +177,7 @@ std::unique_ptr<Grid> grid_isosurface(const Grid&, double value, float half_widt
 void grid_csg(Grid&, std::unique_ptr<Grid> operand, Csg kind, const Host&);
 
 // mesh.cc: to and from meshes
-std::unique_ptr<Surface> grid_to_mesh(const Grid&, double adaptivity, const Host&);
+std::unique_ptr<Surface> grid_to_mesh(const Grid&, double adaptivity, double far, const Host&);
 std::unique_ptr<Grid> grid_from_mesh(rust::Slice<const float> points, rust::Slice<const std::uint32_t> triangles,
                                      double voxel_size, float half_width, const Host&);
 
@@ -186,6 +196,16 @@ std::int32_t file_write(const FileOut&, std::int32_t descriptor, std::uint32_t c
 
 // nano.cc
 std::int32_t file_write_nano(const FileOut&, std::int32_t descriptor, std::uint32_t compression, const Host&);
+
+// stream.cc
+std::unique_ptr<Stream> stream_open(const FileOut&, std::int32_t descriptor, std::uint32_t compression,
+                                    const TreeFacts&, const Host&);
+void stream_root(Stream&, rust::Slice<const std::int32_t> tiles, std::uint32_t nodes);
+void stream_upper(Stream&, const std::array<std::int32_t, 3>& origin, rust::Slice<const std::uint64_t> children,
+                  rust::Slice<const std::uint64_t> inside);
+void stream_topology(Stream&, std::unique_ptr<Block>);
+void stream_values(Stream&, std::unique_ptr<Block>);
+std::int32_t stream_close(Stream&);
 
 // render.cc
 void grid_trace(const Grid&, const Camera&, rust::Slice<float> hits, const Host&);

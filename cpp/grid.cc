@@ -15,11 +15,6 @@ using namespace openvdb;
 
 namespace druse {
 
-struct Block::Impl {
-  std::unique_ptr<Node1> node;
-  float background;
-};
-
 Grid::Grid(std::unique_ptr<Impl> i) : impl(std::move(i)) {}
 Grid::~Grid() = default;
 Block::Block(std::unique_ptr<Impl> i) : impl(std::move(i)) {}

@@ -30,6 +30,11 @@ struct Grid::Impl {
       : base(std::move(any)), grid(openvdb::gridPtrCast<openvdb::FloatGrid>(base)) {}
 };
 
+struct Block::Impl {
+  std::unique_ptr<Node1> node;
+  float background;
+};
+
 inline std::unique_ptr<Grid> wrap(openvdb::GridBase::Ptr any) {
   return std::make_unique<Grid>(std::make_unique<Grid::Impl>(std::move(any)));
 }

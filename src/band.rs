@@ -40,11 +40,16 @@ mod activate;
 mod cull;
 mod estimate;
 mod evaluate;
+mod flood;
 mod leaf;
+mod leaf_file;
+mod leaf_store;
 mod sinks;
 
 pub use estimate::{Estimate, Sampling};
 pub use leaf::{BLOCK, LEAF, LeafBatch, LeafSink, SinkError, VOXELS};
+pub use leaf_file::{LeafFileError, LeafFileHead, LeafFileWriter};
+pub use leaf_store::{LeafStore, StoreError, UpperNode};
 pub use sinks::{Leaf, LeafMap, Statistics, Totals};
 
 /// What is sampled: a field, on which voxels, how far from its zero set, and where.
@@ -62,6 +67,45 @@ pub struct Band<'a> {
     /// World units. Visited are the voxels within the half width and one voxel of it, rounded outwards
     /// to leaves; what the field is beyond does not show.
     pub extent: Aabb,
+}
+
+/// A box of voxels, both corners included.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Region {
+    /// Least voxel.
+    pub min: Coord,
+    /// Greatest voxel.
+    pub max: Coord,
+}
+
+impl Region {
+    /// All voxels.
+    pub const EVERYWHERE: Self = Self {
+        min: Coord([i32::MIN; 3]),
+        max: Coord([i32::MAX; 3]),
+    };
+
+    /// The cube of `edge` voxels at `origin`.
+    pub fn cube(origin: Coord, edge: i32) -> Self {
+        Self {
+            min: origin,
+            max: origin.offset(edge - 1, edge - 1, edge - 1),
+        }
+    }
+
+    /// This box grown by so many voxels on every side.
+    #[must_use]
+    pub fn grown(self, by: i32) -> Self {
+        Self {
+            min: self.min.offset(-by, -by, -by),
+            max: self.max.offset(by, by, by),
+        }
+    }
+
+    /// Whether the cube of `edge` voxels at `origin` shares a voxel with it.
+    pub fn meets(&self, origin: Coord, edge: i32) -> bool {
+        (0..3).all(|a| origin[a] <= self.max[a] && origin[a] + (edge - 1) >= self.min[a])
+    }
 }
 
 /// What an evaluation visited and kept.

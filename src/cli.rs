@@ -27,10 +27,13 @@ mod failure;
 mod filter;
 mod fit;
 mod info;
+mod job;
 mod kind;
 mod man;
+mod merge;
 mod mesh;
 mod new;
+mod plan;
 mod plot;
 mod points;
 mod preview;
@@ -83,6 +86,10 @@ macro_rules! commands {
 commands! {
     /// Run a recipe: from its sources to its files.
     Run => run,
+    /// Plan a run in bricks, for several machines or a queue.
+    Plan => plan,
+    /// Put the bricks of a plan together and write the recipe's files.
+    Merge => merge,
     /// Fit a symmetric cell to a mesh or a named surface.
     Fit => fit,
     /// Look into a cell.

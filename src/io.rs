@@ -56,5 +56,6 @@ pub use scaffold::{
     read_elements, read_scaffold,
 };
 pub use source::{Source, quote};
+pub use stl::StlStream;
 pub use table::read_columns;
 pub use vtk::write_vtu;

@@ -18,11 +18,12 @@
 use crate::band::BandStats;
 use crate::progress::{Cancelled, Progress, Threads};
 use crate::recipe::{GridWord, OutputKind, Recipe};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 mod attributes;
 mod beams;
+mod bricks;
 mod cells;
 mod crystals;
 mod decimate;
@@ -54,6 +55,7 @@ mod varying;
 mod volumes;
 mod wall;
 
+pub use bricks::{BrickPlan, PlanOptions, brick_plan, make_bricks, merge_bricks};
 pub use cells::{levelled, make_cell, one_element, own_element, read_source};
 pub use crystals::{CrystalScript, crystal_script};
 pub use error::RunError;
@@ -63,8 +65,8 @@ pub use group::{group_fault, read_group};
 pub use plot::{Curve, Plot, plot, sheet, sheet_columns};
 pub use probe::{Probe, Probed};
 pub use report::{
-    BandReport, ContinuityReport, Input, MeshFacts, OutputFile, Report, ScaffoldReport,
-    SolidReport, Stage, Warning,
+    BandReport, BricksReport, ContinuityReport, Input, MeshFacts, OutputFile, Report,
+    ScaffoldReport, SolidReport, Stage, Warning,
 };
 pub use source::{CellFault, enter_source};
 
@@ -80,6 +82,9 @@ pub struct RunOptions {
     pub threads: usize,
     /// Memory that the run may use, bytes; what the machine has when left out.
     pub memory: Option<u64>,
+    /// Go through bricks of so many blocks of 128 voxels a side, whatever memory there is. When left
+    /// out a run does so only if it would need more memory than it may use, with bricks that fit.
+    pub bricks: Option<u32>,
     /// Directory of the outputs; the recipe's own when left out. With it, `report.json` is always
     /// written.
     pub out: Option<PathBuf>,
@@ -104,7 +109,17 @@ pub fn plan(
 ) -> Result<Estimate, RunError> {
     let threads = threads(options)?;
     let stock = Stock::load(recipe, &threads, options, progress)?;
-    estimate::estimate(&stock, &threads, progress)
+    let mut found = estimate::estimate(&stock, &threads, progress)?;
+    match bricks::decide(&stock, &threads, options, progress) {
+        Ok(Some(plan)) => {
+            found.bricks = plan.bricks.len() as u64;
+            found.brick_bytes = plan.leaf_bytes;
+            found.peak_memory_bytes = plan.memory_bytes;
+        }
+        Ok(None) | Err(RunError::Memory { .. } | RunError::Budget { .. }) => {}
+        Err(other) => return Err(other),
+    }
+    Ok(found)
 }
 
 /// Runs a recipe to its files.
@@ -121,11 +136,15 @@ pub fn run(
     let sections = recipe.sections();
     let mut clock = Clock::new(progress);
     let mut stock = Stock::load(recipe, &threads, options, progress)?;
-    let outputs = targets(&stock, options)?;
+    let outputs = targets(&stock, options.out.as_deref())?;
     clock.lap("inputs")?;
 
-    estimate::check_memory(&stock, &threads, options.memory, progress)?;
+    let needs_bricks = bricks::decide(&stock, &threads, options, progress)?;
     clock.lap("estimate")?;
+    if let Some(plan) = needs_bricks {
+        let parts = bricks::run(&stock, plan, options, &threads, &outputs, &mut clock)?;
+        return conclude(stock, parts, &threads, &outputs, clock);
+    }
 
     let mut bench = Bench::new(recipe, &threads, progress);
     let first = stock.pointwise();
@@ -150,16 +169,8 @@ pub fn run(
         (wanted, !options.brief),
         &mut clock,
     )?;
-    stock.look_at(&measured, bench.scale)?;
-
-    let mut report = stock.report();
-    if let Some(fill) = stock.fill().filter(|_| wants_certificate(recipe)) {
-        let found = threads.install(|| fill.certificate())?;
-        report.continuity = Some(ContinuityReport::from(&found));
-        clock.lap("certificate")?;
-    }
     let info = solid.info().map_err(RunError::level_set("counting"))?;
-    report.band = BandReport {
+    let band = BandReport {
         voxel_size: bench.scale.voxel_size,
         half_width: bench.half_width,
         active_voxels: info.active_voxels,
@@ -169,17 +180,58 @@ pub fn run(
         leaves_kept: stats.leaves_kept,
         voxels_evaluated: stats.voxels_evaluated,
     };
-    report.solid = measured;
-    report.threads = threads.count();
     let done = output::Finished {
         stock: &stock,
         solid: &solid,
         mesh: mesh.as_ref(),
     };
+    let mut written = Vec::new();
     for (output, path) in &outputs.files {
-        let written = output::write(bench, done, output, path)?;
-        report.outputs.extend(written);
+        written.extend(output::write(bench, done, output, path)?);
         clock.lap("write")?;
+    }
+    let parts = Parts {
+        band,
+        solid: measured,
+        bricks: None,
+        outputs: written,
+    };
+    conclude(stock, parts, &threads, &outputs, clock)
+}
+
+/// What a run has found and made.
+struct Parts {
+    band: BandReport,
+    solid: SolidReport,
+    bricks: Option<BricksReport>,
+    outputs: Vec<OutputFile>,
+}
+
+/// Looks at what was made, and writes the report.
+fn conclude(
+    mut stock: Stock,
+    parts: Parts,
+    threads: &Threads,
+    outputs: &Targets,
+    mut clock: Clock,
+) -> Result<Report, RunError> {
+    let scale = crate::recipe::Scale {
+        voxel_size: parts.band.voxel_size,
+        ..stock.recipe.scale()
+    };
+    stock.look_at(&parts.solid, scale)?;
+    let mut report = Report {
+        band: parts.band,
+        solid: parts.solid,
+        bricks: parts.bricks,
+        outputs: parts.outputs,
+        threads: threads.count(),
+        ..stock.report()
+    };
+    if let Some(fill) = stock.fill().filter(|_| wants_certificate(stock.recipe)) {
+        let found = threads.install(|| fill.certificate())?;
+        report.continuity = Some(ContinuityReport::from(&found));
+        clock.lap("certificate")?;
     }
     report.stages = clock.stages;
     report.peak_memory_bytes = memory::peak();
@@ -258,6 +310,16 @@ struct Targets<'a> {
 }
 
 impl Targets<'_> {
+    /// The outputs of a kind.
+    fn of(&self, kind: OutputKind) -> impl Iterator<Item = (&crate::recipe::Output, &PathBuf)> {
+        let is_wanted = move |o: &crate::recipe::Output| o.named().iter().any(|n| n.0 == kind);
+        let files = self
+            .files
+            .iter()
+            .filter(move |(output, _)| is_wanted(output));
+        files.map(|(output, path)| (*output, path))
+    }
+
     fn want_a_mesh(&self) -> bool {
         let thickness = |o: &crate::recipe::Output| {
             let words = o.grids.as_deref().unwrap_or_default();
@@ -270,7 +332,7 @@ impl Targets<'_> {
 
 /// Resolves the outputs, refuses those that would overwrite an input, and makes the directory asked
 /// for.
-fn targets<'a>(stock: &Stock<'a>, options: &RunOptions) -> Result<Targets<'a>, RunError> {
+fn targets<'a>(stock: &Stock<'a>, out: Option<&Path>) -> Result<Targets<'a>, RunError> {
     let recipe = stock.recipe;
     let mut targets = Targets {
         files: Vec::new(),
@@ -278,7 +340,7 @@ fn targets<'a>(stock: &Stock<'a>, options: &RunOptions) -> Result<Targets<'a>, R
     };
     for output in &recipe.sections().output {
         for (kind, path) in output.named() {
-            let path = output::target(recipe, options.out.as_deref(), path);
+            let path = output::target(recipe, out, path);
             if stock.is_input(&path) {
                 return Err(RunError::Overwrite(path));
             }
@@ -288,9 +350,9 @@ fn targets<'a>(stock: &Stock<'a>, options: &RunOptions) -> Result<Targets<'a>, R
             }
         }
     }
-    if let Some(out) = &options.out {
+    if let Some(out) = out {
         std::fs::create_dir_all(out).map_err(|e| crate::io::WriteError::Create {
-            path: out.clone(),
+            path: out.to_owned(),
             reason: e.to_string(),
         })?;
         if targets.reports.is_empty() {

@@ -64,6 +64,7 @@ mod render;
 mod sampled;
 mod segments;
 mod shape;
+mod stream;
 mod transfer;
 mod volume;
 mod write;

@@ -1,6 +1,6 @@
 //! Which blocks and leaves can meet the band: halving of aligned cubes by the field's bound.
 
-use super::{BLOCK, Band, BandError, LEAF};
+use super::{BLOCK, Band, BandError, LEAF, Region};
 use crate::field::WorldField;
 use crate::frame::{Aabb, Coord, Transform};
 
@@ -18,6 +18,15 @@ enum Side {
     Unknown,
 }
 
+/// What halving leaves of a cube.
+#[derive(Default)]
+pub(super) struct Sieve {
+    /// Cubes of the smallest edge that may hold active voxels, sorted by origin.
+    pub unknown: Vec<Coord>,
+    /// Cubes of other edges, at most a block's, that lie inside and hold none.
+    pub inside: Vec<(Coord, i32)>,
+}
+
 /// Culls for one band.
 pub(super) struct Culler<'a> {
     pub field: &'a WorldField<'a>,
@@ -29,8 +38,8 @@ pub(super) struct Culler<'a> {
 }
 
 impl<'a> Culler<'a> {
-    /// A culler over the voxels within the half width and one voxel of the extent.
-    pub fn new(band: &Band<'a>) -> Result<Self, BandError> {
+    /// A culler over the voxels of a region within the half width and one voxel of the extent.
+    pub fn new(band: &Band<'a>, region: Region) -> Result<Self, BandError> {
         let Band {
             field,
             transform,
@@ -51,12 +60,16 @@ impl<'a> Culler<'a> {
                 voxel_size: h,
             });
         }
-        let index = |v: crate::frame::Vec3| Coord([v.x as i32, v.y as i32, v.z as i32]);
+        let index = |a: usize| {
+            let least = (low[a] as i32).max(region.min[a]);
+            (least, (high[a] as i32).min(region.max[a]))
+        };
+        let [x, y, z] = [index(0), index(1), index(2)];
         Ok(Self {
             field,
             transform,
             background: half_width * h,
-            range: [index(low), index(high)],
+            range: [Coord::new(x.0, y.0, z.0), Coord::new(x.1, y.1, z.1)],
         })
     }
 
@@ -71,74 +84,82 @@ impl<'a> Culler<'a> {
         }
     }
 
-    /// Whether the cube of `edge` voxels at `origin` is of interest and may hold an active voxel.
-    fn may_be_active(&self, origin: Coord, edge: i32) -> bool {
+    /// What the bound says about the cube of `edge` voxels at `origin`; outside where it is of no
+    /// interest.
+    fn side(&self, origin: Coord, edge: i32) -> Side {
         let meets =
             (0..3).all(|a| origin[a] <= self.range[1][a] && origin[a] + edge > self.range[0][a]);
+        if !meets {
+            return Side::Outside;
+        }
         let h = self.transform.voxel_size();
-        meets && self.side_of(&self.transform.sample_box(origin, edge).dilated(h)) == Side::Unknown
+        self.side_of(&self.transform.sample_box(origin, edge).dilated(h))
     }
 
     /// The last test of a leaf, in eight parts of 5^3 samples that together are the leaf and the layer
     /// around it. Sharper than the whole, as all bounds are over smaller boxes; parts on different
     /// sides leave a sign change between them.
-    fn leaf_may_be_active(&self, origin: Coord) -> bool {
+    fn leaf_side(&self, origin: Coord) -> Side {
         let mut common = None;
         for part in 0..8 {
             let low = [4, 2, 1].map(|bit| if part & bit == 0 { -1 } else { LEAF / 2 });
             let first = origin.offset(low[0], low[1], low[2]);
             match self.side_of(&self.transform.sample_box(first, LEAF / 2 + 1)) {
-                Side::Unknown => return true,
-                side if common.is_some_and(|c| c != side) => return true,
+                Side::Unknown => return Side::Unknown,
+                side if common.is_some_and(|c| c != side) => return Side::Unknown,
                 side => common = Some(side),
             }
         }
-        false
+        common.unwrap_or(Side::Unknown)
     }
 
     /// Halves a cube down to cubes of `smallest` voxels that may be active; ascending Morton order.
-    fn halve(&self, origin: Coord, edge: i32, smallest: i32, found: &mut Vec<Coord>) {
-        if !self.may_be_active(origin, edge) {
-            return;
+    fn halve(&self, origin: Coord, edge: i32, smallest: i32, sieve: &mut Sieve) {
+        let mut side = self.side(origin, edge);
+        if side == Side::Unknown && edge == LEAF {
+            side = self.leaf_side(origin);
         }
-        if edge == smallest {
-            if edge > LEAF || self.leaf_may_be_active(origin) {
-                found.push(origin);
-            }
-            return;
+        match side {
+            Side::Outside => return,
+            Side::Inside if edge <= BLOCK => return sieve.inside.push((origin, edge)),
+            Side::Unknown if edge == smallest => return sieve.unknown.push(origin),
+            _ => {}
         }
         let half = edge / 2;
         for part in 0..8 {
             let [x, y, z] = [4, 2, 1].map(|bit| if part & bit == 0 { 0 } else { half });
-            self.halve(origin.offset(x, y, z), half, smallest, found);
+            self.halve(origin.offset(x, y, z), half, smallest, sieve);
         }
     }
 
-    /// Blocks that may hold active voxels, sorted by origin.
-    pub fn blocks(&self) -> Vec<Coord> {
+    /// Blocks that may hold active voxels, and those that lie inside.
+    pub fn blocks(&self) -> Sieve {
         let size = (0..3)
             .map(|a| self.range[1][a] - self.range[0][a] + 1)
             .max()
             .unwrap_or(1);
+        let mut sieve = Sieve::default();
+        if (0..3).any(|a| self.range[0][a] > self.range[1][a]) {
+            return sieve;
+        }
         let mut edge = BLOCK;
         while edge < size {
             edge *= 2;
         }
         let first = self.range[0].aligned(edge);
-        let mut found = Vec::new();
         for part in 0..8 {
             let [x, y, z] = [4, 2, 1].map(|bit| if part & bit == 0 { 0 } else { edge });
-            self.halve(first.offset(x, y, z), edge, BLOCK, &mut found);
+            self.halve(first.offset(x, y, z), edge, BLOCK, &mut sieve);
         }
-        found.sort_unstable();
-        found
+        sieve.unknown.sort_unstable();
+        sieve
     }
 
-    /// Leaves of a block (or of another aligned cube) that may hold active voxels, sorted by origin.
-    pub fn leaves(&self, origin: Coord, edge: i32) -> Vec<Coord> {
-        let mut found = Vec::new();
-        self.halve(origin, edge, LEAF, &mut found);
-        found.sort_unstable();
-        found
+    /// Leaves of a block that may hold active voxels, and cubes of it that lie inside.
+    pub fn leaves(&self, block: Coord) -> Sieve {
+        let mut sieve = Sieve::default();
+        self.halve(block, BLOCK, LEAF, &mut sieve);
+        sieve.unknown.sort_unstable();
+        sieve
     }
 }

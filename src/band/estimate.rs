@@ -4,7 +4,7 @@ use super::activate::{Neighbourhood, bits, negative_bits};
 use super::cull::Culler;
 use super::evaluate::leaf_values;
 use super::leaf::count;
-use super::{BLOCK, Band, BandError, VOXELS};
+use super::{Band, BandError, Region, VOXELS};
 use crate::frame::Coord;
 use crate::progress::{Cancelled, Progress, Threads};
 use rayon::prelude::*;
@@ -61,9 +61,9 @@ impl Band<'_> {
         progress: &dyn Progress,
         sampling: Sampling,
     ) -> Result<Estimate, BandError> {
-        let culler = Culler::new(self)?;
+        let culler = Culler::new(self, Region::EVERYWHERE)?;
         threads.install(|| {
-            let blocks = culler.blocks();
+            let blocks = culler.blocks().unknown;
             progress.stage("estimate", Some(blocks.len() as u64));
             let leaves: Vec<Vec<Coord>> = blocks
                 .par_iter()
@@ -72,7 +72,7 @@ impl Band<'_> {
                         return Err(Cancelled);
                     }
                     progress.advance(1);
-                    Ok(culler.leaves(block, BLOCK))
+                    Ok(culler.leaves(block).unknown)
                 })
                 .collect::<Result<_, _>>()?;
             let leaves: Vec<Coord> = leaves.into_iter().flatten().collect();

@@ -3,7 +3,7 @@
 use super::activate::{Neighbourhood, SPAN, bits, negative_bits};
 use super::cull::Culler;
 use super::leaf::count;
-use super::{BLOCK, Band, BandError, BandStats, LEAF, LeafBatch, LeafSink, VOXELS};
+use super::{BLOCK, Band, BandError, BandStats, LEAF, LeafBatch, LeafSink, Region, VOXELS};
 use crate::field::SampleLattice;
 use crate::frame::{Aabb, Coord};
 use crate::progress::{Cancelled, Progress, Threads};
@@ -29,11 +29,29 @@ impl Band<'_> {
         progress: &dyn Progress,
         sink: &dyn LeafSink,
     ) -> Result<BandStats, BandError> {
-        let culler = Culler::new(self)?;
+        self.evaluate_within(Region::EVERYWHERE, threads, progress, sink)
+    }
+
+    /// The same for the leaves that meet a region. Values do not depend on the region, nor do active
+    /// voxels, but for those that are active only because the sign changes towards a voxel outside of
+    /// a region that is not made of blocks.
+    ///
+    /// # Errors
+    /// As [`Band::evaluate`].
+    pub fn evaluate_within(
+        &self,
+        region: Region,
+        threads: &Threads,
+        progress: &dyn Progress,
+        sink: &dyn LeafSink,
+    ) -> Result<BandStats, BandError> {
+        let culler = Culler::new(self, region)?;
         threads.install(|| {
             let blocks = culler.blocks();
-            progress.stage("band", Some(blocks.len() as u64));
+            progress.stage("band", Some(blocks.unknown.len() as u64));
+            sink.inside(&blocks.inside);
             blocks
+                .unknown
                 .par_iter()
                 .map(|&origin| {
                     let stats = block(&culler, origin, progress, sink)?;
@@ -45,6 +63,14 @@ impl Band<'_> {
                     Ok(a)
                 })
         })
+    }
+
+    /// The blocks that the bound cannot exclude, sorted by origin: what [`Band::evaluate`] visits.
+    ///
+    /// # Errors
+    /// A half width or extent out of range.
+    pub fn blocks(&self) -> Result<Vec<Coord>, BandError> {
+        Ok(Culler::new(self, Region::EVERYWHERE)?.blocks().unknown)
     }
 }
 
@@ -58,7 +84,9 @@ fn block(
     if progress.cancelled() {
         return Err(Cancelled.into());
     }
-    let samples = BlockSamples::take(culler, origin, progress)?;
+    let sieve = culler.leaves(origin);
+    let mut inside = sieve.inside;
+    let samples = BlockSamples::take(culler, origin, sieve.unknown, progress)?;
     let mut stats = BandStats {
         blocks: 1,
         leaves_touched: samples.origins.len() as u64,
@@ -79,6 +107,9 @@ fn block(
         for (n, (mask, extra)) in range.zip(masks) {
             stats.voxels_evaluated += extra;
             if mask == [0; 8] {
+                if samples.values[n][0] < 0.0 {
+                    inside.push((samples.origins[n], LEAF));
+                }
                 continue;
             }
             let mut values = samples.values[n];
@@ -91,6 +122,7 @@ fn block(
             sink.block(origin, batch)?;
         }
     }
+    sink.inside(&inside);
     Ok(stats)
 }
 
@@ -142,8 +174,12 @@ struct BlockSamples {
 }
 
 impl BlockSamples {
-    fn take(culler: &Culler, origin: Coord, progress: &dyn Progress) -> Result<Self, BandError> {
-        let origins = culler.leaves(origin, BLOCK);
+    fn take(
+        culler: &Culler,
+        origin: Coord,
+        origins: Vec<Coord>,
+        progress: &dyn Progress,
+    ) -> Result<Self, BandError> {
         let groups: Vec<Vec<_>> = origins
             .par_chunks(GROUP)
             .map(|group| {

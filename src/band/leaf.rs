@@ -88,4 +88,9 @@ pub trait LeafSink: Send + Sync {
     /// # Errors
     /// Whatever ends the evaluation.
     fn block(&self, origin: Coord, leaves: LeafBatch) -> Result<(), SinkError>;
+
+    /// Takes cubes (least voxel, edge) that lie inside and hold no active voxel; whatever is told of
+    /// neither here nor in a leaf lies outside. Of use where a part of a band is evaluated, whose signs
+    /// cannot be told from its leaves.
+    fn inside(&self, _cubes: &[(Coord, i32)]) {}
 }

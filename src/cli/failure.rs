@@ -253,6 +253,13 @@ impl From<FileError> for Failure {
                 (MISSING, path)
             }
             FileError::Io { path, .. } | FileError::OpenVdb { path, .. } => (IO, path),
+            e @ FileError::Leaves(_) => {
+                return Self {
+                    code: IO,
+                    message: e.to_string(),
+                    ..Self::default()
+                };
+            }
             FileError::Damaged { path, .. }
             | FileError::NoGrid { path, .. }
             | FileError::NotALevelSet { path, .. }
@@ -281,6 +288,13 @@ impl From<RunError> for Failure {
                 Some(format!(
                     "--set band.voxel_size={fitting}, or --memory SIZE if the machine can take it"
                 )),
+            ),
+            RunError::Budget { .. } => (DATA, Some("--memory SIZE, or larger voxels".to_owned())),
+            RunError::Disk { .. } => (IO, Some("--out DIR on another disk".to_owned())),
+            RunError::Bricks { advice, .. } => (DATA, Some(advice)),
+            RunError::Plan { .. } => (
+                DATA,
+                Some("druse plan makes a plan of the recipe as it is here".to_owned()),
             ),
             RunError::Apart { .. } => (
                 DATA,

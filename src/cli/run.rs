@@ -1,15 +1,16 @@
-//! `druse run RECIPE`.
+//! `druse run RECIPE`, and `druse run PLAN --brick N`.
 
 use super::{Answer, Failure, Session};
-use crate::pipeline::{Estimate, Report, RunOptions, plan, run};
+use crate::pipeline::{self, Estimate, Report, RunOptions, plan, run};
 use crate::recipe::Recipe;
 use clap::Args;
 use serde_json::json;
+use std::ops::Range;
 use std::path::PathBuf;
 
 #[derive(Args)]
 pub(super) struct Parameters {
-    /// The recipe (.toml).
+    /// The recipe (.toml), or the plan (.json) of which bricks are to be made.
     recipe: PathBuf,
     /// Override a key of the recipe, as in tiling.cell=octet or op.2.dilate=0.2 (entries of arrays
     /// are numbered from 0).
@@ -24,12 +25,24 @@ pub(super) struct Parameters {
     /// Worker threads [default: one per core].
     #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true)]
     threads: usize,
-    /// Memory that the run may use, as in 2G [default: what the machine has].
+    /// Memory that the run may use, as in 2G; a part that needs more goes through bricks on the disk
+    /// [default: what the machine has].
     #[arg(long, value_name = "SIZE", value_parser = memory)]
     memory: Option<u64>,
+    /// Go through bricks of N blocks of 128 voxels a side, whatever memory there is.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=64))]
+    bricks: Option<u32>,
+    /// Of a plan: the brick to make, or several as in 0-7; may be given again. Bricks that are there
+    /// and whole are left as they are.
+    #[arg(long, value_name = "N", value_parser = bricks)]
+    brick: Vec<Range<usize>>,
 }
 
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
+    let is_plan = p.recipe.extension().is_some_and(|e| e == "json");
+    if is_plan || !p.brick.is_empty() {
+        return make_bricks(p, is_plan, session);
+    }
     let recipe = Recipe::read(&p.recipe, &p.set)?;
     for cell in recipe.sections().cell.values() {
         if let Some(file) = &cell.voxels {
@@ -39,6 +52,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
     let options = RunOptions {
         threads: p.threads,
         memory: p.memory,
+        bricks: p.bricks,
         out: p.out.clone(),
         strict: session.strict(),
         brief: false,
@@ -50,6 +64,36 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
         return Ok(Answer::new(prediction(&estimate), json));
     }
     let report = run(&recipe, &options, session)?;
+    Ok(reported(&report, session))
+}
+
+/// Some bricks of a plan.
+fn make_bricks(p: &Parameters, is_plan: bool, session: &Session) -> Result<Answer, Failure> {
+    if !is_plan {
+        return Err(Failure::usage("--brick goes with a plan (.json)")
+            .hint("druse plan RECIPE -o PLAN.json makes one"));
+    }
+    if p.brick.is_empty() || p.dry_run || !p.set.is_empty() || p.bricks.is_some() {
+        return Err(Failure::usage(
+            "a plan is run by --brick N; keys and sizes of bricks are fixed in it",
+        ));
+    }
+    let options = RunOptions {
+        threads: p.threads,
+        memory: p.memory,
+        strict: session.strict(),
+        isolated: Some(super::vdb::reader()?),
+        ..RunOptions::default()
+    };
+    let left = pipeline::make_bricks(&p.recipe, &p.brick, &options, session)?;
+    session.finish();
+    let made = p.brick.iter().map(ExactSizeIterator::len).sum::<usize>() - left;
+    let text = format!("{made} bricks made, {left} were there");
+    Ok(Answer::new(text, json!({ "made": made, "left": left })))
+}
+
+/// What a run or a merge says at its end.
+pub(super) fn reported(report: &Report, session: &Session) -> Answer {
     session.finish();
     for input in &report.inputs {
         let [a, b] =
@@ -79,7 +123,18 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
     for warning in &report.warnings {
         session.warn(warning);
     }
-    session.note(&summary(&report));
+    if let Some(bricks) = report.bricks {
+        let found = match bricks.found_whole {
+            0 => String::new(),
+            n => format!(", {n} of them there already"),
+        };
+        session.note(&format!(
+            "went through {} bricks of {} voxels a side{found}",
+            grouped(bricks.count),
+            bricks.edge * 128
+        ));
+    }
+    session.note(&summary(report));
     let lines: Vec<String> = report
         .outputs
         .iter()
@@ -91,37 +146,49 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
             format!("{}  {}{unit}", o.path, size(o.bytes))
         })
         .collect();
-    let json = serde_json::to_value(&report).unwrap_or_else(|e| json!({ "error": e.to_string() }));
-    Ok(Answer::new(lines.join("\n"), json))
+    let json = serde_json::to_value(report).unwrap_or_else(|e| json!({ "error": e.to_string() }));
+    Answer::new(lines.join("\n"), json)
 }
 
 fn summary(report: &Report) -> String {
     let solid = &report.solid;
     let seconds: f64 = report.stages.iter().map(|s| s.seconds).sum();
     let unit = &report.unit;
+    // Pieces are not counted in bricks.
+    let pieces = match solid.components {
+        0 => String::new(),
+        1 => "1 piece, ".to_owned(),
+        n => format!("{n} pieces, "),
+    };
     format!(
-        "{} active voxels, volume {:.6} {unit}^3, area {:.6} {unit}^2, {} piece{}, {seconds:.1} s, {}",
+        "{} active voxels, volume {:.6} {unit}^3, area {:.6} {unit}^2, {pieces}{seconds:.1} s, {}",
         grouped(report.band.active_voxels),
         solid.volume,
         solid.area,
-        solid.components,
-        if solid.components == 1 { "" } else { "s" },
         size(report.peak_memory_bytes)
     )
 }
 
 fn prediction(e: &Estimate) -> String {
-    [
+    let lines = [
         ("elements", grouped(e.elements)),
         ("blocks", grouped(e.blocks)),
         ("leaves", grouped(e.leaves)),
         ("active voxels", grouped(e.active_voxels)),
         ("peak memory", size(e.peak_memory_bytes)),
         ("on disk", size(e.disk_bytes)),
+        ("bricks", grouped(e.bricks)),
+        ("their size", size(e.brick_bytes)),
         ("time", format!("{:.1} s", e.seconds)),
-    ]
-    .map(|(name, value)| format!("{name:<14}{value}"))
-    .join("\n")
+    ];
+    let of_bricks = ["bricks", "their size"];
+    let shown = lines
+        .iter()
+        .filter(|(name, _)| e.bricks > 0 || !of_bricks.contains(name));
+    let shown: Vec<String> = shown
+        .map(|(name, value)| format!("{name:<14}{value}"))
+        .collect();
+    shown.join("\n")
 }
 
 /// A count with its thousands apart.
@@ -153,8 +220,20 @@ pub(super) fn size(bytes: u64) -> String {
     format!("{value:.1} GiB")
 }
 
+/// Parses "3" and "0-7".
+fn bricks(text: &str) -> Result<Range<usize>, String> {
+    let parsed = match text.split_once('-') {
+        Some((first, last)) => first.trim().parse().ok().zip(last.trim().parse().ok()),
+        None => text.trim().parse().ok().map(|n| (n, n)),
+    };
+    parsed
+        .filter(|&(first, last): &(usize, usize)| first <= last && last < usize::MAX)
+        .map(|(first, last)| first..last + 1)
+        .ok_or_else(|| format!("found {text:?}, expected a number or a range such as 0-7"))
+}
+
 /// Parses "2G", "512M", "1073741824".
-fn memory(text: &str) -> Result<u64, String> {
+pub(super) fn memory(text: &str) -> Result<u64, String> {
     let upper = text.trim().to_ascii_uppercase();
     let number = upper.trim_end_matches(|c: char| c.is_ascii_alphabetic());
     let power = match upper[number.len()..]

@@ -3,12 +3,14 @@
 //! Whether a file is binary is decided by its size (84 + 50 n), then by its text, never by the word
 //! `solid` alone, which many binary files begin with. The header of ours reads `druse unit=mm`.
 
+use super::atomic::AtomicFile;
 use super::mesh_file::MeshFile;
 use super::source::quote;
-use super::{MeshView, Place, ReadError, Source};
+use super::{MeshView, Place, ReadError, Source, WriteError};
 use crate::frame::{LengthUnit, Vec3};
 use crate::mesh::{Merger, TriMesh};
-use std::io::{self, Write};
+use std::io::{self, Seek, Write};
+use std::path::{Path, PathBuf};
 
 /// Bytes of the header and the count.
 const HEAD: u64 = 84;
@@ -172,23 +174,89 @@ pub(super) fn size(mesh: &MeshView) -> u64 {
     HEAD + TRIANGLE * mesh.faces.len() as u64
 }
 
-/// Writes binary STL.
-pub(super) fn write(out: &mut dyn Write, mesh: &MeshView, unit: LengthUnit) -> io::Result<()> {
-    let mut head = [b' '; 80];
+/// The title of binary STL, and the number of its triangles.
+fn head(triangles: u32, unit: LengthUnit) -> [u8; HEAD as usize] {
+    let mut head = [b' '; HEAD as usize];
     let title = format!("druse unit={unit}");
     head[..title.len()].copy_from_slice(title.as_bytes());
-    out.write_all(&head)?;
-    out.write_all(&(mesh.faces.len() as u32).to_le_bytes())?;
-    for [a, b, c] in mesh.triangle_corners() {
-        let n = (b - a)
-            .cross(&(c - a))
-            .try_normalize(0.0)
-            .unwrap_or_default();
-        let mut bytes = [0u8; TRIANGLE as usize];
-        for (i, x) in [n, a, b, c].iter().flatten().enumerate() {
-            bytes[4 * i..4 * i + 4].copy_from_slice(&(*x as f32).to_le_bytes());
-        }
-        out.write_all(&bytes)?;
+    head[80..].copy_from_slice(&triangles.to_le_bytes());
+    head
+}
+
+fn facet([a, b, c]: [Vec3; 3]) -> [u8; TRIANGLE as usize] {
+    let n = (b - a)
+        .cross(&(c - a))
+        .try_normalize(0.0)
+        .unwrap_or_default();
+    let mut bytes = [0u8; TRIANGLE as usize];
+    for (i, x) in [n, a, b, c].iter().flatten().enumerate() {
+        bytes[4 * i..4 * i + 4].copy_from_slice(&(*x as f32).to_le_bytes());
+    }
+    bytes
+}
+
+/// Writes binary STL.
+pub(super) fn write(out: &mut dyn Write, mesh: &MeshView, unit: LengthUnit) -> io::Result<()> {
+    out.write_all(&head(mesh.faces.len() as u32, unit))?;
+    for corners in mesh.triangle_corners() {
+        out.write_all(&facet(corners))?;
     }
     Ok(())
+}
+
+/// Binary STL whose triangles come bit by bit; it appears whole or not at all.
+pub struct StlStream {
+    file: AtomicFile,
+    path: PathBuf,
+    unit: LengthUnit,
+    triangles: u64,
+}
+
+impl StlStream {
+    /// Begins a file.
+    ///
+    /// # Errors
+    /// As [`AtomicFile::create_seekable`].
+    pub fn create(path: &Path, unit: LengthUnit) -> Result<Self, WriteError> {
+        let mut file = AtomicFile::create_seekable(path)?;
+        let begun = file.write_all(&head(0, unit));
+        begun.map_err(|e| file.failed(e))?;
+        Ok(Self {
+            file,
+            path: path.to_owned(),
+            unit,
+            triangles: 0,
+        })
+    }
+
+    /// Adds a triangle, counter-clockwise seen from outside, in the file's unit.
+    ///
+    /// # Errors
+    /// [`WriteError::Io`].
+    pub fn add(&mut self, corners: [Vec3; 3]) -> Result<(), WriteError> {
+        self.triangles += 1;
+        let written = self.file.write_all(&facet(corners));
+        written.map_err(|e| self.file.failed(e))
+    }
+
+    /// Completes the file; gives its size.
+    ///
+    /// # Errors
+    /// [`WriteError::Format`] for more triangles than 32 bits count, [`WriteError::Io`].
+    pub fn commit(mut self) -> Result<u64, WriteError> {
+        let count = u32::try_from(self.triangles).map_err(|_| WriteError::Format {
+            path: self.path.clone(),
+            reason: format!(
+                "{} triangles; STL counts up to {}",
+                self.triangles,
+                u32::MAX
+            ),
+        })?;
+        let patched = self
+            .file
+            .seek(io::SeekFrom::Start(0))
+            .and_then(|_| self.file.write_all(&head(count, self.unit)));
+        patched.map_err(|e| self.file.failed(e))?;
+        self.file.commit()
+    }
 }

@@ -231,6 +231,7 @@ pub fn one_element(
             voxel_size,
         },
         half_width,
+        region: None,
     };
     let shape = alone.shape(options, "the element".into())?;
     Ok(bench.sample(&shape, "band")?.0)

@@ -82,7 +82,7 @@ pub enum RunError {
     },
     /// The run would need more memory than there is.
     #[error(
-        "this run would need about {} of memory, and {} are available; a voxel size of {fitting} {unit} would fit",
+        "this run would need about {} of memory, and {} are available; it cannot go through in bricks: {reason}; a voxel size of {fitting} {unit} would fit",
         gibibytes(*needed), gibibytes(*available)
     )]
     Memory {
@@ -94,6 +94,50 @@ pub enum RunError {
         fitting: String,
         /// The recipe's unit.
         unit: &'static str,
+        /// Why it cannot go through in bricks.
+        reason: String,
+    },
+    /// Not even one brick fits into the memory that may be used.
+    #[error(
+        "this run goes through bricks and needs at least {} of memory even so; the budget is {}",
+        gibibytes(*least), gibibytes(*budget)
+    )]
+    Budget {
+        /// The least that would do, bytes.
+        least: u64,
+        /// What may be used, bytes.
+        budget: u64,
+    },
+    /// The disk has no room for bricks and outputs.
+    #[error(
+        "{}: the bricks and files of this run need about {} and {} are free",
+        .directory.display(), gibibytes(*needed), gibibytes(*free)
+    )]
+    Disk {
+        /// Where they would stand.
+        directory: PathBuf,
+        /// Predicted bytes.
+        needed: u64,
+        /// Free bytes.
+        free: u64,
+    },
+    /// Bricks that are not there or not whole.
+    #[error("{}: bricks {faults}", .directory.display())]
+    Bricks {
+        /// Where they shall be.
+        directory: PathBuf,
+        /// Their numbers.
+        faults: String,
+        /// The command that makes them.
+        advice: String,
+    },
+    /// A plan cannot be used, or not with what is here.
+    #[error("{}: {message}", .plan.display())]
+    Plan {
+        /// The plan's file.
+        plan: PathBuf,
+        /// What is wrong.
+        message: String,
     },
     /// Triangles could not be merged.
     #[error("decimate: {0}")]

@@ -30,6 +30,10 @@ pub struct Estimate {
     pub peak_memory_bytes: u64,
     /// Bytes of all outputs.
     pub disk_bytes: u64,
+    /// Bricks that the run goes through; 0 when it is in memory as a whole.
+    pub bricks: u64,
+    /// Bytes of the bricks' leaf files.
+    pub brick_bytes: u64,
     /// Wall time; the least certain of all.
     pub seconds: f64,
 }
@@ -38,18 +42,25 @@ pub struct Estimate {
 const QUICK: f64 = 1e6;
 const CLOSE: f64 = 1.5e8;
 /// Bytes of a leaf: 512 floats, mask, origin, and its share of the nodes above.
-const LEAF_BYTES: f64 = 2240.0;
+pub(super) const LEAF_BYTES: f64 = 2240.0;
 /// Bytes of a picture's pixel while it is made: four rays of 24 bytes and 32 of what they met.
 const PIXEL_BYTES: f64 = 224.0;
 
 /// A sampled or extrapolated band.
 #[derive(Clone, Copy)]
-struct Counts {
-    blocks: f64,
+pub(super) struct Counts {
+    pub blocks: f64,
     leaves_touched: f64,
-    leaves: f64,
-    active: f64,
+    pub leaves: f64,
+    pub active: f64,
     seconds_per_leaf: f64,
+}
+
+/// A run that would need more memory than there is.
+pub(super) struct Shortage {
+    pub counts: Counts,
+    /// What may be used, bytes.
+    pub available: u64,
 }
 
 pub(super) fn estimate(
@@ -61,19 +72,28 @@ pub(super) fn estimate(
     Ok(predict(stock, threads, &counts))
 }
 
-/// Refuses a run that would need more memory than there is: a quick look at coarse voxels, a closer
-/// one only where that leaves doubt.
-pub(super) fn check_memory(
+/// Counts from a close look.
+pub(super) fn counts(
+    stock: &Stock,
+    threads: &Threads,
+    progress: &dyn Progress,
+) -> Result<Counts, RunError> {
+    sample(stock, threads, progress, CLOSE)
+}
+
+/// Whether a run would need more memory than there is: a quick look at coarse voxels, a closer one
+/// only where that leaves doubt.
+pub(super) fn shortage(
     stock: &Stock,
     threads: &Threads,
     budget: Option<u64>,
     progress: &dyn Progress,
-) -> Result<(), RunError> {
+) -> Result<Option<Shortage>, RunError> {
     let available = match budget {
         Some(bytes) => bytes,
         None => match memory::available() {
             Some(bytes) => bytes + memory::resident(),
-            None => return Ok(()),
+            None => return Ok(None),
         },
     };
     let mut counts = sample(stock, threads, progress, QUICK)?;
@@ -82,21 +102,51 @@ pub(super) fn check_memory(
         counts = sample(stock, threads, progress, CLOSE)?;
     }
     let needed = predict(stock, threads, &counts).peak_memory_bytes;
-    if needed <= available {
-        return Ok(());
-    }
+    Ok((needed > available).then_some(Shortage { counts, available }))
+}
+
+/// The error of a run for which there is too little memory, and that cannot go through bricks.
+pub(super) fn shortage_error(
+    stock: &Stock,
+    threads: &Threads,
+    counts: &Counts,
+    available: u64,
+    reason: String,
+) -> RunError {
+    let needed = predict(stock, threads, counts).peak_memory_bytes;
     let h = stock.recipe.scale().voxel_size;
     let base = memory::resident() as f64;
     let growth = (needed as f64 - base) / (available as f64 * 0.95 - base).max(1e6);
     // Two digits, rounded up.
-    let raw = h * growth.sqrt();
+    let raw = h * growth.max(1.0).sqrt();
     let step = 10f64.powf(raw.log10().floor() - 1.0);
-    Err(RunError::Memory {
+    RunError::Memory {
         needed,
         available,
         fitting: short((raw / step).ceil() * step),
         unit: stock.recipe.unit().symbol(),
-    })
+        reason,
+    }
+}
+
+/// Bytes of all outputs of a band whose leaf files take so many.
+pub(super) fn disk(stock: &Stock, threads: &Threads, leaf_bytes: u64) -> u64 {
+    let active = leaf_bytes as f64 / 4.3;
+    let counts = Counts {
+        blocks: 0.0,
+        leaves_touched: 0.0,
+        leaves: 0.0,
+        active,
+        seconds_per_leaf: 0.0,
+    };
+    predict(stock, threads, &counts).disk_bytes
+}
+
+/// Extra copies of the tree that the greediest operation makes.
+pub(super) fn copies(stock: &Stock) -> f64 {
+    let ops = &stock.recipe.sections().op[stock.pointwise()..];
+    let copies = ops.iter().map(|op| cost(op, stock.recipe.scale()).0);
+    copies.fold(0.0, f64::max)
 }
 
 /// Counts with the recipe's voxels, from samplings whose box spans at most `most` voxels.
@@ -227,6 +277,8 @@ fn predict(stock: &Stock, threads: &Threads, c: &Counts) -> Estimate {
         active_voxels: c.active.round() as u64,
         peak_memory_bytes: memory::resident() + peak as u64,
         disk_bytes: disk as u64,
+        bricks: 0,
+        brick_bytes: 0,
         seconds,
     }
 }

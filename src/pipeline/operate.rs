@@ -2,12 +2,11 @@
 
 use super::error::RunError;
 use super::report::SolidReport;
-use super::shape::{Shape, operand, trim_box};
+use super::shape::{Shape, operation_shape, trim_box};
 use super::stock::Stock;
 use super::volumes::resample_placement;
-use crate::band::{Band, BandStats};
-use crate::field::{BoxSolid, Intersection};
-use crate::frame::Transform;
+use crate::band::{Band, BandStats, Region};
+use crate::frame::{Aabb, Transform};
 use crate::progress::{Progress, Threads};
 use crate::recipe::{Kernel, Op, Recipe, Resample, Scale, Side};
 use crate::vdb::{LevelSet, LevelSetBuilder, Scheme, Session, VdbError, WallSide};
@@ -20,6 +19,9 @@ pub(super) struct Bench<'a> {
     /// Its voxel size is that of the solid: resampling changes it.
     pub scale: Scale,
     pub half_width: f64,
+    /// The part of space that is worked on, if not all of it. Where it is cut off the level set is
+    /// wrong, and more so with every operation.
+    pub region: Option<Region>,
 }
 
 impl<'a> Bench<'a> {
@@ -30,6 +32,7 @@ impl<'a> Bench<'a> {
             progress,
             scale: recipe.scale(),
             half_width: recipe.sections().band.half_width.0,
+            region: None,
         }
     }
 
@@ -44,20 +47,34 @@ impl<'a> Bench<'a> {
             .ok_or_else(|| RunError::Empty(format!("a voxel size of {}", self.scale.voxel_size)))
     }
 
+    /// The narrow band of a shape.
+    pub fn band<'s>(&self, shape: &'s Shape) -> Result<Band<'s>, RunError> {
+        Ok(Band {
+            field: &*shape.field,
+            transform: self.transform()?,
+            half_width: self.half_width,
+            extent: shape.extent,
+        })
+    }
+
     /// Samples a field into a level set.
     pub fn sample(&self, shape: &Shape, name: &str) -> Result<(LevelSet, BandStats), RunError> {
         let transform = self.transform()?;
         self.progress.stage(name, None);
-        let builder =
-            LevelSetBuilder::new(transform, self.half_width).map_err(RunError::level_set(name))?;
-        let band = Band {
-            field: &*shape.field,
-            transform,
-            half_width: self.half_width,
-            extent: shape.extent,
+        let (region, builder) = match self.region {
+            Some(region) => (
+                region,
+                LevelSetBuilder::of_part(transform, self.half_width, region.min),
+            ),
+            None => (
+                Region::EVERYWHERE,
+                LevelSetBuilder::new(transform, self.half_width),
+            ),
         };
-        let stats = band
-            .evaluate(self.threads, self.progress, &builder)
+        let builder = builder.map_err(RunError::level_set(name))?;
+        let stats = self
+            .band(shape)?
+            .evaluate_within(region, self.threads, self.progress, &builder)
             .map_err(RunError::band(name))?;
         let solid = builder
             .finish(self.session())
@@ -86,6 +103,10 @@ pub(super) fn apply(
     bench.progress.stage(op.name(), None);
     match op {
         Op::Intersect(_) | Op::Union(_) | Op::Subtract(_) | Op::Blend(_) => {
+            combine(*bench, stock, (n, op), solid, session)?;
+        }
+        // A part may lie wholly inside, where nothing tells how far the solid goes.
+        Op::Trim(_) if bench.region.is_some() => {
             combine(*bench, stock, (n, op), solid, session)?;
         }
         Op::Resample(r) => resample(bench, r, solid, &failed)?,
@@ -122,7 +143,7 @@ pub(super) fn apply(
         .map_err(&failed)?,
     }
     let left = solid.active_voxels().map_err(&failed)?;
-    if left == 0 {
+    if left == 0 && bench.region.is_none() {
         return Err(RunError::Empty(stage.clone()));
     }
     Ok(())
@@ -183,28 +204,32 @@ fn combine(
     solid: &mut LevelSet,
     session: Session<'_>,
 ) -> Result<(), RunError> {
-    let Some(other) = op.operand() else {
-        return Ok(());
-    };
     let stage = format!("op.{n}.{}", op.name());
     let failed = RunError::level_set(&stage);
-    let mut shape = operand(stock, other, &format!("op.{n}"), bench.scale)?;
-    if !shape.extent.size().iter().all(|s| s.is_finite()) {
-        if !matches!(op, Op::Intersect(_) | Op::Subtract(_)) {
-            return Err(RunError::Endless(shape.name));
+    let margin = solid.background() + 3.0 * bench.scale.voxel_size;
+    // Half of space counts as far as the solid goes.
+    let room = || match bench.region {
+        Some(region) => {
+            let transform = bench.transform()?;
+            let corners = [region.min, region.max].map(|c| transform.world(c).0);
+            Ok(Aabb::of(corners).dilated(margin))
         }
-        // Half of space, as far as the solid goes.
-        let margin = solid.background() + 3.0 * bench.scale.voxel_size;
-        let room = solid.bounds().map_err(&failed)?.dilated(margin);
-        shape = Shape {
-            field: Box::new(Intersection(vec![shape.field, Box::new(BoxSolid(room))])),
-            extent: room,
-            name: shape.name,
-        };
+        None => Ok(solid.bounds().map_err(&failed)?.dilated(margin)),
+    };
+    let Some(shape) = operation_shape(stock, (n, op), bench.scale, room)? else {
+        return Ok(());
+    };
+    if shape.extent.is_empty() {
+        // A box far from this part: nothing of it stays.
+        let nothing = LevelSet::empty(bench.transform()?, solid.half_width(), session);
+        let mut nothing = nothing.map_err(&failed)?;
+        nothing.place_at(solid.origin()).map_err(&failed)?;
+        return solid.intersect(nothing, session).map_err(&failed);
     }
     // Solids of others may stand between the voxels of the world's lattice.
     let own = bench.with_half_width(solid.half_width());
-    let (mut other, _) = if solid.origin() == crate::frame::Vec3::zeros() {
+    let on_lattice = solid.origin() == crate::frame::Vec3::zeros();
+    let (mut other, _) = if on_lattice || bench.region.is_some() {
         own.sample(&shape, op.name())?
     } else {
         let shift = solid.origin();
@@ -223,7 +248,7 @@ fn combine(
     };
     other.place_at(solid.origin()).map_err(&failed)?;
     match op {
-        Op::Intersect(_) => solid.intersect(other, session),
+        Op::Intersect(_) | Op::Trim(_) => solid.intersect(other, session),
         Op::Subtract(_) => solid.subtract(other, session),
         Op::Blend(b) => solid.blend(other, b.radius.resolve(bench.scale), session),
         _ => solid.union(other, session),

@@ -42,17 +42,6 @@ pub(super) fn write(
         return Ok(Vec::new());
     };
     bench.progress.stage("write", None);
-    let file = |path: &Path, unit: Option<LengthUnit>| {
-        let (bytes, hash) = super::inputs::digest(path)?;
-        Ok::<_, RunError>(OutputFile {
-            path: path.display().to_string(),
-            bytes,
-            unit: unit.map(|u| u.symbol().to_owned()),
-            hash,
-            content_hash: None,
-            mesh: None,
-        })
-    };
     Ok(match kind {
         OutputKind::Vdb => {
             let written = volumes(bench, done, output, path, unit)?;
@@ -60,7 +49,7 @@ pub(super) fn write(
             for (path, content_hash) in written {
                 files.push(OutputFile {
                     content_hash,
-                    ..file(&path, Some(unit))?
+                    ..listed(&path, Some(unit))?
                 });
             }
             files
@@ -69,7 +58,7 @@ pub(super) fn write(
             let facts = super::meshing::write(bench, done, output, (path, unit))?;
             vec![OutputFile {
                 mesh: facts,
-                ..file(path, Some(unit))?
+                ..listed(path, Some(unit))?
             }]
         }
         OutputKind::Picture => {
@@ -80,10 +69,64 @@ pub(super) fn write(
                 .picture(size.0 as usize, size.1 as usize, cut, bench.session())
                 .map_err(RunError::level_set("picture"))?;
             write_bytes(path, &png)?;
-            vec![file(path, None)?]
+            vec![listed(path, None)?]
         }
         OutputKind::Report => Vec::new(),
     })
+}
+
+/// What the report says of any file.
+pub(super) fn listed(path: &Path, unit: Option<LengthUnit>) -> Result<OutputFile, RunError> {
+    let (bytes, hash) = super::inputs::digest(path)?;
+    Ok(OutputFile {
+        path: path.display().to_string(),
+        bytes,
+        unit: unit.map(|u| u.symbol().to_owned()),
+        hash,
+        content_hash: None,
+        mesh: None,
+    })
+}
+
+/// A `.vdb` without grids, with its unit, its tags, and its way of storing values.
+pub(super) fn vdb_file<'a>(
+    bench: Bench<'a>,
+    stock: &Stock,
+    output: &Output,
+    path: &Path,
+) -> Result<VdbWriter<'a>, RunError> {
+    let recipe = stock.recipe;
+    let unit = output.unit_or_default(recipe.unit());
+    let factor = recipe.unit().to(unit);
+    let mut file = VdbWriter::new(path, bench.session())?
+        .scaled(factor)
+        .compression(match output.compression {
+            Some(Wanted::None) => Compression::None,
+            Some(Wanted::Zip) => Compression::Zip,
+            Some(Wanted::Blosc) | None => Compression::Blosc,
+        });
+    let text = recipe.source().text();
+    file.tag("druse.recipe", &text)?;
+    file.tag("druse.recipe_blake3", &super::inputs::hash_text(&text))?;
+    file.tag("druse.inputs", &hashes(stock))?;
+    file.tag("druse.unit", unit.symbol())?;
+    let voxel = bench.scale.voxel_size * factor;
+    file.tag("druse.voxel_size", &voxel.to_string())?;
+    Ok(file)
+}
+
+/// Adds a level set to its file, as half floats if so wished.
+pub(super) fn add_surface<'a>(
+    file: &mut VdbWriter<'a>,
+    output: &Output,
+    (name, solid): (&str, &'a LevelSet),
+) -> Result<(), RunError> {
+    if output.half {
+        file.level_set_as_half(name, solid)?;
+    } else {
+        file.level_set(name, solid)?;
+    }
+    Ok(())
 }
 
 /// The grids of an output, in order.
@@ -223,25 +266,12 @@ fn volume(
     let attributes = Attributes::new(bench, done.stock, &words, mesh, factor)?;
     let numbers = attributes.grids(bench, done.solid)?;
     let staged = StagedPath::create(path)?;
-    let mut file = VdbWriter::new(path, bench.session())?
-        .scaled(factor)
-        .compression(match output.compression {
-            Some(Wanted::None) => Compression::None,
-            Some(Wanted::Zip) => Compression::Zip,
-            Some(Wanted::Blosc) | None => Compression::Blosc,
-        });
-    let mut add = |name: &str, solid| {
-        if output.half {
-            file.level_set_as_half(name, solid)
-        } else {
-            file.level_set(name, solid)
-        }
-    };
+    let mut file = vdb_file(bench, done.stock, output, path)?;
     if words.contains(&GridWord::Surface) {
-        add("surface", done.solid)?;
+        add_surface(&mut file, output, ("surface", done.solid))?;
     }
     for (name, solid) in others {
-        add(name, solid)?;
+        add_surface(&mut file, output, (name, solid))?;
     }
     if let Some(fog) = &fog {
         file.fog("density", fog, output.half)?;
@@ -249,13 +279,6 @@ fn volume(
     for (word, grid) in attributes.words().iter().zip(&numbers) {
         file.attribute(&word.to_string(), grid)?;
     }
-    let text = recipe.source().text();
-    file.tag("druse.recipe", &text)?;
-    file.tag("druse.recipe_blake3", &super::inputs::hash_text(&text))?;
-    file.tag("druse.inputs", &hashes(done.stock))?;
-    file.tag("druse.unit", unit.symbol())?;
-    let voxel = bench.scale.voxel_size * factor;
-    file.tag("druse.voxel_size", &voxel.to_string())?;
     let nano = path
         .extension()
         .is_some_and(|e| e.eq_ignore_ascii_case("nvdb"));

@@ -27,6 +27,9 @@ pub struct Report {
     /// Continuity over all shared faces; with `certificate = true`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub continuity: Option<ContinuityReport>,
+    /// How the run went through bricks; absent when it was in memory as a whole.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub bricks: Option<BricksReport>,
     /// The sampling.
     pub band: BandReport,
     /// The solid after the last operation.
@@ -124,6 +127,20 @@ pub struct BandReport {
     pub leaves_kept: u64,
     /// Samples of the field.
     pub voxels_evaluated: u64,
+}
+
+/// A run in bricks. Walls and components are not measured then (`components` is 0), and of the
+/// sampling the counts are those of the bricks that this run made.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct BricksReport {
+    /// Number of bricks.
+    pub count: u64,
+    /// Blocks of 128 voxels along the edge of one.
+    pub edge: u32,
+    /// Voxels around a brick that were sampled with it.
+    pub halo: u32,
+    /// Bricks that were there already, whole.
+    pub found_whole: u64,
 }
 
 /// The solid.

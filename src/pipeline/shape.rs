@@ -87,6 +87,37 @@ fn combine<'a>(op: &Op, a: Shape<'a>, b: Shape<'a>) -> Result<Shape<'a>, RunErro
     })
 }
 
+/// The solid that an operation on the level set combines with, none for the others; `room` gives the
+/// box of all that matters, which ends a solid without end.
+pub(super) fn operation_shape<'a>(
+    stock: &'a Stock,
+    (n, op): (usize, &Op),
+    scale: Scale,
+    room: impl FnOnce() -> Result<Aabb, RunError>,
+) -> Result<Option<Shape<'a>>, RunError> {
+    let key = format!("op.{n}");
+    if let Op::Trim(trim) = op {
+        let extent = trim_box(trim, scale).intersection(room()?);
+        return Ok(Some(boxed(extent, format!("the box of {key}"))));
+    }
+    let Some(other) = op.operand() else {
+        return Ok(None);
+    };
+    let shape = operand(stock, other, &key, scale)?;
+    if shape.extent.size().iter().all(|s| s.is_finite()) {
+        return Ok(Some(shape));
+    }
+    if !matches!(op, Op::Intersect(_) | Op::Subtract(_)) {
+        return Err(RunError::Endless(shape.name));
+    }
+    let room = room()?;
+    Ok(Some(Shape {
+        field: Box::new(Intersection(vec![shape.field, Box::new(BoxSolid(room))])),
+        extent: room,
+        name: shape.name,
+    }))
+}
+
 /// The solid to combine with.
 pub(super) fn operand<'a>(
     stock: &'a Stock,

@@ -47,6 +47,11 @@ impl Source {
         text
     }
 
+    /// Its overrides, as `KEY=VALUE`.
+    pub fn overrides(&self) -> &[String] {
+        &self.overrides
+    }
+
     /// The directory that relative paths start from; empty for the working directory.
     pub fn directory(&self) -> &Path {
         match self.path.as_deref().and_then(Path::parent) {

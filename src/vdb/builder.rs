@@ -2,7 +2,7 @@
 
 use super::ffi;
 use super::{LevelSet, Session, VdbError};
-use crate::band::{LeafBatch, LeafSink, SinkError};
+use crate::band::{BLOCK, LEAF, LeafBatch, LeafSink, SinkError};
 use crate::frame::{Coord, Transform, Vec3};
 use cxx::UniquePtr;
 use std::collections::BTreeMap;
@@ -20,6 +20,10 @@ pub struct LevelSetBuilder {
     half_width: f64,
     background: f32,
     blocks: Mutex<BTreeMap<Coord, SharedBlock>>,
+    /// Cubes that lie inside, for a part of a level set.
+    inside: Option<Mutex<Vec<(Coord, i32)>>>,
+    /// The voxel that becomes (0, 0, 0).
+    first: Coord,
 }
 
 impl LevelSetBuilder {
@@ -49,6 +53,25 @@ impl LevelSetBuilder {
             half_width,
             background,
             blocks: Mutex::default(),
+            inside: None,
+            first: Coord([0; 3]),
+        })
+    }
+
+    /// A builder of a part of a level set, cut off where the part ends: signs beyond the band are those
+    /// that [`LeafSink::inside`] tells, for they cannot be filled in from such leaves. `first`, whose
+    /// coordinates are multiples of 8, becomes voxel (0, 0, 0).
+    ///
+    /// OpenVDB drops nodes without active voxels and lets their first voxel speak for all: with the
+    /// part's own first voxel there, what it says is true of the part.
+    ///
+    /// # Errors
+    /// As [`LevelSetBuilder::new`].
+    pub fn of_part(transform: Transform, half_width: f64, first: Coord) -> Result<Self, VdbError> {
+        Ok(Self {
+            inside: Some(Mutex::default()),
+            first,
+            ..Self::new(transform, half_width)?
         })
     }
 
@@ -75,13 +98,26 @@ impl LevelSetBuilder {
                 ffi::grid_attach(grid.pin_mut(), block).map_err(failed)?;
             }
         }
-        ffi::grid_flood_fill(grid.pin_mut(), &session.host()).map_err(failed)?;
-        Ok(LevelSet {
+        if let Some(inside) = self.inside {
+            let cubes = inside.into_inner().unwrap_or_else(PoisonError::into_inner);
+            for (origin, edge) in tiles(&cubes, self.first) {
+                let value = -self.background;
+                ffi::grid_put_tile(grid.pin_mut(), &origin.0, edge, value, false)
+                    .map_err(failed)?;
+            }
+        } else {
+            ffi::grid_flood_fill(grid.pin_mut(), &session.host()).map_err(failed)?;
+        }
+        let mut solid = LevelSet {
             grid,
             transform: self.transform,
             origin: Vec3::zeros(),
             half_width: self.half_width,
-        })
+        };
+        if self.first != Coord([0; 3]) {
+            solid.place_at(self.transform.world(self.first).0)?;
+        }
+        Ok(solid)
     }
 
     /// Refuses what would break the promise: NaN, infinity, values beyond the band.
@@ -119,9 +155,56 @@ impl LevelSetBuilder {
     }
 }
 
+/// A voxel as seen from the one that becomes (0, 0, 0).
+fn seen_from(first: Coord, voxel: Coord) -> Coord {
+    voxel.offset(-first[0], -first[1], -first[2])
+}
+
+/// Cubes of 8 to 128 voxels as tiles of a tree, whose edges are 8 or 128.
+fn tiles(cubes: &[(Coord, i32)], first: Coord) -> Vec<(Coord, i32)> {
+    let mut tiles = Vec::with_capacity(cubes.len());
+    for &(origin, edge) in cubes {
+        let origin = seen_from(first, origin);
+        if edge == BLOCK && origin.aligned(BLOCK) == origin {
+            tiles.push((origin, BLOCK));
+            continue;
+        }
+        let steps = || (0..edge).step_by(LEAF as usize);
+        for (x, y) in steps().flat_map(|x| steps().map(move |y| (x, y))) {
+            tiles.extend(steps().map(|z| (origin.offset(x, y, z), LEAF)));
+        }
+    }
+    tiles
+}
+
 impl LeafSink for LevelSetBuilder {
+    fn inside(&self, cubes: &[(Coord, i32)]) {
+        if let Some(inside) = &self.inside {
+            let mut inside = inside.lock().unwrap_or_else(PoisonError::into_inner);
+            inside.extend_from_slice(cubes);
+        }
+    }
+
     fn block(&self, origin: Coord, leaves: LeafBatch) -> Result<(), SinkError> {
         self.validate(&leaves).map_err(SinkError::new)?;
+        if self.first == Coord([0; 3]) {
+            return self.put(origin, &leaves);
+        }
+        let mut parts: BTreeMap<Coord, LeafBatch> = BTreeMap::new();
+        for (n, &origin) in leaves.origins.iter().enumerate() {
+            let origin = seen_from(self.first, origin);
+            let part = parts.entry(origin.aligned(BLOCK)).or_default();
+            part.push(origin, leaves.masks[n], &leaves.values[n]);
+        }
+        parts
+            .iter()
+            .try_for_each(|(&origin, part)| self.put(origin, part))
+    }
+}
+
+impl LevelSetBuilder {
+    /// Puts leaves into a block.
+    fn put(&self, origin: Coord, leaves: &LeafBatch) -> Result<(), SinkError> {
         let failed = |e| SinkError::new(VdbError::plain("building a block", &e));
         let block = self.block_at(origin).map_err(failed)?;
         let origins: Vec<[i32; 3]> = leaves.origins.iter().map(|o| o.0).collect();

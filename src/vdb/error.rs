@@ -1,6 +1,7 @@
 //! What can go wrong with a level set, and with a file of them.
 
 use super::Session;
+use crate::band::StoreError;
 use crate::frame::Coord;
 use crate::progress::Cancelled;
 use std::io;
@@ -141,6 +142,9 @@ pub enum FileError {
         /// Why not.
         problem: &'static str,
     },
+    /// The leaf files that a file is put together from.
+    #[error(transparent)]
+    Leaves(StoreError),
     /// OpenVDB refused.
     #[error("{}: OpenVDB failed: {reason}", .path.display())]
     OpenVdb {
@@ -149,6 +153,15 @@ pub enum FileError {
         /// Its own words.
         reason: String,
     },
+}
+
+impl From<StoreError> for FileError {
+    fn from(e: StoreError) -> Self {
+        match e {
+            StoreError::Cancelled(c) => Self::Cancelled(c),
+            e => Self::Leaves(e),
+        }
+    }
 }
 
 fn listed(present: &[String]) -> String {

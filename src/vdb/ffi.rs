@@ -113,6 +113,15 @@ mod bridge {
         cut: f64,
     }
 
+    /// What a file says of a tree that nobody holds: its active voxels, the box of them, and the bytes
+    /// that it would take.
+    struct TreeFacts {
+        box_min: [i32; 3],
+        box_max: [i32; 3],
+        active_voxels: i64,
+        bytes: i64,
+    }
+
     extern "Rust" {
         type Host<'a>;
         fn host_threads(host: &Host<'_>) -> usize;
@@ -129,6 +138,7 @@ mod bridge {
         type Surface;
         type FileIn;
         type FileOut;
+        type Stream;
 
         /// Registers the grid types; may be called again.
         fn initialize() -> Result<()>;
@@ -285,10 +295,12 @@ mod bridge {
             host: &Host<'_>,
         ) -> Result<()>;
 
-        /// World units; wound clockwise seen from outside.
+        /// World units; wound clockwise seen from outside. `far` is the greatest coordinate of the whole
+        /// of which the grid is a part; 0 where it is the whole.
         fn grid_to_mesh(
             grid: &Grid,
             adaptivity: f64,
+            far: f64,
             host: &Host<'_>,
         ) -> Result<UniquePtr<Surface>>;
         fn points(self: &Surface) -> &[f32];
@@ -348,6 +360,31 @@ mod bridge {
             compression: u32,
             host: &Host<'_>,
         ) -> Result<i32>;
+
+        /// Begins a file of one grid, given without leaves; what follows is written in the order of the
+        /// functions here. Keeps `host`: the caller's business.
+        fn stream_open(
+            file: &FileOut,
+            descriptor: i32,
+            compression: u32,
+            facts: &TreeFacts,
+            host: &Host<'_>,
+        ) -> Result<UniquePtr<Stream>>;
+        /// Inside tiles of 4096 voxels (3 coordinates each, sorted), and how many nodes follow.
+        fn stream_root(stream: Pin<&mut Stream>, tiles: &[i32], nodes: u32) -> Result<()>;
+        /// A node of 4096 voxels: 512 words each of slots with a block, and of tiles that are inside.
+        fn stream_upper(
+            stream: Pin<&mut Stream>,
+            origin: &[i32; 3],
+            children: &[u64],
+            inside: &[u64],
+        ) -> Result<()>;
+        /// The masks and tiles of its next block.
+        fn stream_topology(stream: Pin<&mut Stream>, block: UniquePtr<Block>) -> Result<()>;
+        /// After all masks: the values of the blocks, in the same order.
+        fn stream_values(stream: Pin<&mut Stream>, block: UniquePtr<Block>) -> Result<()>;
+        /// Completes the file: 0, or the error number of the first write that failed.
+        fn stream_close(stream: Pin<&mut Stream>) -> Result<i32>;
 
         /// Six numbers a sample: depth along the ray (infinite: missed), unit normal, 1 on the cut
         /// and 0 on the surface, 1 in the light and 0 in shadow.

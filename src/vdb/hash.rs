@@ -7,12 +7,39 @@
 //! mask (8 x u64), active values in order of offset (f32, -0 as 0; of vectors three); number of active tiles (u64), and
 //! per tile in order of origin: origin (3 x i32), edge (i32), value (f32). All numbers little-endian.
 
-use super::leaves::tiles_of;
+use super::leaves::{TileView, tiles_of};
 use super::{LevelSet, VdbError, ffi};
 
 /// Hash of several grids; add them in order of name.
 #[derive(Default)]
 pub(super) struct ContentHash(blake3::Hasher);
+
+/// What a grid says before its leaves.
+pub(super) struct GridHead<'a> {
+    pub name: &'a str,
+    pub grid_type: &'a str,
+    pub class_name: &'a str,
+    pub voxel_size: f64,
+    pub background: f64,
+    /// Whether its numbers are stored as half floats: they are hashed as they come back.
+    pub half: bool,
+    /// Leaves with an active voxel.
+    pub leaves: u64,
+}
+
+impl<'a> GridHead<'a> {
+    pub fn new(name: &'a str, facts: &'a ffi::GridFacts, leaves: u64) -> Self {
+        Self {
+            name,
+            grid_type: &facts.grid_type,
+            class_name: &facts.class_name,
+            voxel_size: facts.voxel_size[0],
+            background: facts.background,
+            half: facts.half,
+            leaves,
+        }
+    }
+}
 
 impl ContentHash {
     /// 64 hexadecimal digits.
@@ -20,70 +47,79 @@ impl ContentHash {
         self.0.finalize().to_hex().to_string()
     }
 
-    /// Adds a grid of floats under a name.
-    pub fn add(&mut self, name: &str, grid: &ffi::Grid) -> Result<(), cxx::Exception> {
-        add_grid(&mut self.0, name, grid)
-    }
-}
-
-fn add_grid(
-    hasher: &mut blake3::Hasher,
-    name: &str,
-    grid: &ffi::Grid,
-) -> Result<(), cxx::Exception> {
-    let facts = ffi::grid_facts(grid)?;
-    for text in [name, &facts.grid_type, &facts.class_name] {
-        hasher.update(&(text.len() as u32).to_le_bytes());
-        hasher.update(text.as_bytes());
-    }
-    hasher.update(&facts.voxel_size[0].to_le_bytes());
-    let background = if facts.half {
-        f64::from(as_half(facts.background as f32))
-    } else {
-        facts.background
-    };
-    hasher.update(&background.to_le_bytes());
-
-    // Numbers a voxel: 1, or 3 of vectors. What is stored in halves is hashed as it comes back.
-    let table = ffi::leaf_table(grid)?;
-    let any = |mask: &[u64; 8]| mask.iter().any(|&w| w != 0);
-    let mut kept = 0u64;
-    for n in 0..table.len() {
-        kept += u64::from(any(&table.head(n)?.mask));
-    }
-    hasher.update(&kept.to_le_bytes());
-    let mut bytes = Vec::with_capacity(12 + 64 + 2048);
-    for n in 0..table.len() {
-        let (head, values) = (table.head(n)?, table.values(n)?);
-        if !any(&head.mask) {
-            continue;
+    /// Begins a grid; its leaves with an active voxel follow in order of origin, then its tiles.
+    pub fn begin(&mut self, head: &GridHead<'_>) {
+        for text in [head.name, head.grid_type, head.class_name] {
+            self.0.update(&(text.len() as u32).to_le_bytes());
+            self.0.update(text.as_bytes());
         }
-        let width = values.len() / 512;
-        bytes.clear();
-        bytes.extend(head.origin.iter().flat_map(|c| c.to_le_bytes()));
-        bytes.extend(head.mask.iter().flat_map(|w| w.to_le_bytes()));
-        for (voxel, numbers) in values.chunks_exact(width.max(1)).enumerate() {
-            if head.mask[voxel >> 6] >> (voxel & 63) & 1 == 1 {
-                for &v in numbers {
-                    let v = if facts.half { as_half(v) } else { v };
-                    bytes.extend_from_slice(&positive_zero(v).to_le_bytes());
-                }
+        self.0.update(&head.voxel_size.to_le_bytes());
+        let background = if head.half {
+            f64::from(as_half(head.background as f32))
+        } else {
+            head.background
+        };
+        self.0.update(&background.to_le_bytes());
+        self.0.update(&head.leaves.to_le_bytes());
+    }
+
+    /// Adds a leaf: its active numbers in order of offset.
+    pub fn leaf(
+        &mut self,
+        origin: [i32; 3],
+        mask: &[u64; 8],
+        half: bool,
+        active: impl Iterator<Item = f32>,
+    ) {
+        let mut bytes = Vec::with_capacity(12 + 64 + 2048);
+        bytes.extend(origin.iter().flat_map(|c| c.to_le_bytes()));
+        bytes.extend(mask.iter().flat_map(|w| w.to_le_bytes()));
+        for v in active {
+            let v = if half { as_half(v) } else { v };
+            bytes.extend_from_slice(&positive_zero(v).to_le_bytes());
+        }
+        self.0.update(&bytes);
+    }
+
+    /// Ends a grid with its active tiles, in order of origin.
+    pub fn tiles(&mut self, tiles: &[TileView]) {
+        self.0.update(&(tiles.len() as u64).to_le_bytes());
+        for tile in tiles {
+            for c in tile.origin.0 {
+                self.0.update(&c.to_le_bytes());
             }
+            self.0.update(&tile.edge.to_le_bytes());
+            self.0.update(&positive_zero(tile.value).to_le_bytes());
         }
-        hasher.update(&bytes);
     }
 
-    let mut tiles = tiles_of(grid, false)?;
-    tiles.retain(|t| t.active);
-    hasher.update(&(tiles.len() as u64).to_le_bytes());
-    for tile in tiles {
-        for c in tile.origin.0 {
-            hasher.update(&c.to_le_bytes());
+    /// Adds a grid of floats or vectors under a name.
+    pub fn add(&mut self, name: &str, grid: &ffi::Grid) -> Result<(), cxx::Exception> {
+        let facts = ffi::grid_facts(grid)?;
+        let table = ffi::leaf_table(grid)?;
+        let any = |mask: &[u64; 8]| mask.iter().any(|&w| w != 0);
+        let mut kept = 0u64;
+        for n in 0..table.len() {
+            kept += u64::from(any(&table.head(n)?.mask));
         }
-        hasher.update(&tile.edge.to_le_bytes());
-        hasher.update(&positive_zero(tile.value).to_le_bytes());
+        self.begin(&GridHead::new(name, &facts, kept));
+        for n in 0..table.len() {
+            let (head, values) = (table.head(n)?, table.values(n)?);
+            if !any(&head.mask) {
+                continue;
+            }
+            // Numbers a voxel: 1, or 3 of vectors.
+            let width = (values.len() / 512).max(1);
+            let voxels = values.chunks_exact(width).enumerate();
+            let active = voxels.filter(|(v, _)| head.mask[v >> 6] >> (v & 63) & 1 == 1);
+            let numbers = active.flat_map(|(_, numbers)| numbers.iter().copied());
+            self.leaf(head.origin, &head.mask, facts.half, numbers);
+        }
+        let mut tiles = tiles_of(grid, false)?;
+        tiles.retain(|t| t.active);
+        self.tiles(&tiles);
+        Ok(())
     }
-    Ok(())
 }
 
 fn positive_zero(v: f32) -> f32 {

@@ -2,7 +2,8 @@
 //! clockwise seen from outside.
 
 use super::{LevelSet, Session, VdbError, ffi};
-use crate::frame::{Transform, Vec3};
+use crate::band::Region;
+use crate::frame::{Coord, Transform, Vec3};
 use crate::mesh::{QuadMesh, TriMesh};
 
 impl LevelSet {
@@ -35,22 +36,53 @@ impl LevelSet {
                 expected: "0 to 1",
             });
         }
-        let surface = ffi::grid_to_mesh(&self.grid, adaptivity, &session.host())
+        let surface = ffi::grid_to_mesh(&self.grid, adaptivity, 0.0, &session.host())
             .map_err(|e| VdbError::of("meshing", session, &e))?;
         let vertices: Vec<Vec3> = surface
             .points()
             .chunks_exact(3)
             .map(|p| Vec3::new(p[0].into(), p[1].into(), p[2].into()))
             .collect();
-        // Turned: the reverse of OpenVDB's order, whose triangles repeat their last corner.
-        let quads = surface.quads().chunks_exact(4).map(|q| match *q {
-            [a, b, c, d] if c == d => [c, b, a, a],
-            [a, b, c, d] => [d, c, b, a],
-            _ => [0; 4],
-        });
+        let quads = surface.quads().chunks_exact(4).filter_map(turned);
         let quads = quads.collect();
         drop(surface);
         Ok(QuadMesh::new(vertices, quads)?)
+    }
+
+    /// The triangles of [`LevelSet::to_mesh`] that belong to a region of a larger level set, of which
+    /// this is a part: of each quadrilateral the voxel of its least corner decides. Regions that share
+    /// no voxel share no triangle, and together they have all; corners at their seams are equal to the
+    /// last bit, if each was meshed with the leaves around it and the same `far`, the greatest
+    /// coordinate of the whole in world units.
+    ///
+    /// # Errors
+    /// As [`LevelSet::to_mesh`].
+    pub fn triangles_of(
+        &self,
+        region: Region,
+        far: f64,
+        session: Session<'_>,
+    ) -> Result<TriMesh, VdbError> {
+        let surface = ffi::grid_to_mesh(&self.grid, 0.0, far, &session.host())
+            .map_err(|e| VdbError::of("meshing", session, &e))?;
+        let (points, h) = (surface.points(), self.voxel_size());
+        let at = |i: u32| {
+            let p = &points[3 * i as usize..][..3];
+            Vec3::new(p[0].into(), p[1].into(), p[2].into())
+        };
+        let (mut vertices, mut quads) = (Vec::new(), Vec::new());
+        for q in surface.quads().chunks_exact(4).filter_map(turned) {
+            let corners = q.map(at);
+            let least = corners[1..].iter().fold(corners[0], |a, b| a.inf(b));
+            let voxel = ((least - self.origin) / h).map(|c| c.floor() as i32);
+            if region.meets(Coord(voxel.into()), 1) {
+                let first = vertices.len() as u32;
+                let last = if q[2] == q[3] { 2 } else { 3 };
+                vertices.extend(corners);
+                quads.push([first, first + 1, first + 2, first + last]);
+            }
+        }
+        Ok(QuadMesh::new(vertices, quads)?.into_triangles())
     }
 
     /// The level set of a closed mesh by OpenVDB's own meshToVolume: a second opinion for tests and
@@ -86,5 +118,15 @@ impl LevelSet {
             origin: Vec3::zeros(),
             half_width,
         })
+    }
+}
+
+/// A quadrilateral of OpenVDB's, turned: its order is the reverse, and its triangles repeat their last
+/// corner.
+fn turned(q: &[u32]) -> Option<[u32; 4]> {
+    match *q {
+        [a, b, c, d] if c == d => Some([c, b, a, a]),
+        [a, b, c, d] => Some([d, c, b, a]),
+        _ => None,
     }
 }

@@ -2,6 +2,7 @@
 
 use super::hash::ContentHash;
 use super::{Attribute, FileError, Fog, LevelSet, Session, ffi};
+use crate::band::{LeafFileError, StoreError};
 use crate::progress::Cancelled;
 use cxx::UniquePtr;
 use std::fs::File;
@@ -23,7 +24,7 @@ pub enum Compression {
 
 impl Compression {
     /// OpenVDB's flags: 1 zip, 2 active values only, 4 blosc.
-    fn flags(self) -> u32 {
+    pub(super) fn flags(self) -> u32 {
         match self {
             Self::None => 0,
             Self::Zip => 3,
@@ -31,9 +32,6 @@ impl Compression {
         }
     }
 }
-
-/// One of the bridge's writers.
-type Put = fn(&ffi::FileOut, i32, u32, &ffi::Host<'_>) -> Result<i32, cxx::Exception>;
 
 /// What was written.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -61,12 +59,12 @@ pub struct Written {
 /// # Ok(()) }
 /// ```
 pub struct VdbWriter<'a> {
-    path: PathBuf,
-    session: Session<'a>,
-    file: UniquePtr<ffi::FileOut>,
-    scale: f64,
-    compression: Compression,
-    names: Vec<String>,
+    pub(super) path: PathBuf,
+    pub(super) session: Session<'a>,
+    pub(super) file: UniquePtr<ffi::FileOut>,
+    pub(super) scale: f64,
+    pub(super) compression: Compression,
+    pub(super) names: Vec<String>,
     tags: Vec<(String, String)>,
     grids: PhantomData<&'a LevelSet>,
 }
@@ -221,12 +219,25 @@ impl<'a> VdbWriter<'a> {
     ///
     /// # Errors
     /// As [`VdbWriter::write`].
-    pub fn write_to(mut self, staged: &Path) -> Result<Written, FileError> {
+    pub fn write_to(self, staged: &Path) -> Result<Written, FileError> {
         let content_hash = self.content_hash().map_err(|e| failed(&self.path, &e))?;
+        self.write_with(staged, content_hash, |file, descriptor, flags, host| {
+            ffi::file_write(file, descriptor, flags, host).map_err(Into::into)
+        })
+    }
+
+    /// Enters the tags, lets `put` write to a file descriptor (the file, the descriptor, the flags of
+    /// the compression; it gives the system's error number or 0), and says what was written.
+    pub(super) fn write_with(
+        mut self,
+        staged: &Path,
+        content_hash: String,
+        put: impl FnOnce(&ffi::FileOut, i32, u32, &ffi::Host<'_>) -> Result<i32, PutError>,
+    ) -> Result<Written, FileError> {
         self.tags
             .push(("druse.content_hash".into(), content_hash.clone()));
         self.enter_tags().map_err(|e| failed(&self.path, &e))?;
-        let bytes = self.put(staged, ffi::file_write)?;
+        let bytes = self.put(staged, put)?;
         Ok(Written {
             bytes,
             content_hash,
@@ -240,7 +251,9 @@ impl<'a> VdbWriter<'a> {
     /// As [`VdbWriter::write`].
     pub fn write_nano_to(self, staged: &Path) -> Result<Written, FileError> {
         let content_hash = self.content_hash().map_err(|e| failed(&self.path, &e))?;
-        let bytes = self.put(staged, ffi::file_write_nano)?;
+        let bytes = self.put(staged, |file, descriptor, flags, host| {
+            ffi::file_write_nano(file, descriptor, flags, host).map_err(Into::into)
+        })?;
         Ok(Written {
             bytes,
             content_hash,
@@ -248,15 +261,22 @@ impl<'a> VdbWriter<'a> {
     }
 
     /// Lets the bridge write to a new file; its size.
-    fn put(&self, staged: &Path, write: Put) -> Result<u64, FileError> {
+    fn put(
+        &self,
+        staged: &Path,
+        write: impl FnOnce(&ffi::FileOut, i32, u32, &ffi::Host<'_>) -> Result<i32, PutError>,
+    ) -> Result<u64, FileError> {
         let io = |e| FileError::io(&self.path, e);
         let target = File::create(staged).map_err(io)?;
         let (descriptor, flags) = (target.as_raw_fd(), self.compression.flags());
-        let error = write(&self.file, descriptor, flags, &self.session.host())
-            .map_err(|e| failed(&self.path, &e))?;
+        let error = write(&self.file, descriptor, flags, &self.session.host());
         if self.session.progress.cancelled() {
             return Err(Cancelled.into());
         }
+        let error = error.map_err(|e| match e {
+            PutError::OpenVdb(e) => failed(&self.path, &e),
+            PutError::Store(e) => FileError::from(e),
+        })?;
         if error != 0 {
             return Err(io(std::io::Error::from_raw_os_error(error)));
         }
@@ -284,7 +304,31 @@ impl<'a> VdbWriter<'a> {
     }
 }
 
-fn failed(path: &Path, error: &cxx::Exception) -> FileError {
+/// Why the bytes of a file did not come about.
+pub(super) enum PutError {
+    OpenVdb(cxx::Exception),
+    Store(StoreError),
+}
+
+impl From<cxx::Exception> for PutError {
+    fn from(e: cxx::Exception) -> Self {
+        Self::OpenVdb(e)
+    }
+}
+
+impl From<StoreError> for PutError {
+    fn from(e: StoreError) -> Self {
+        Self::Store(e)
+    }
+}
+
+impl From<LeafFileError> for PutError {
+    fn from(e: LeafFileError) -> Self {
+        Self::Store(e.into())
+    }
+}
+
+pub(super) fn failed(path: &Path, error: &cxx::Exception) -> FileError {
     FileError::OpenVdb {
         path: path.to_owned(),
         reason: super::error::reason(error),

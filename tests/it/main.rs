@@ -2,6 +2,7 @@
 
 mod band;
 mod blend;
+mod bricks;
 mod cell;
 mod certificate;
 mod field;

@@ -19,7 +19,7 @@ use std::process::Command;
 use std::sync::mpsc;
 use std::time::Duration;
 
-mod damage;
+pub mod damage;
 #[cfg(all(feature = "vdb", feature = "cli"))]
 mod level_sets;
 

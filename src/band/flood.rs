@@ -1,0 +1,80 @@
+//! Signs beyond the band, as OpenVDB's signed flood fill finds them.
+//!
+//! In a cube of n^3 slots (x slowest, z fastest) some are known: active voxels of a leaf, child nodes
+//! of a node. The others take the sign of the known slot before them on their line along z; where there
+//! is none, that of the known slot before it among the lines' beginnings along y, then along x; at last
+//! that of the first known slot's beginning. In a closed narrow band that is the right sign.
+
+/// Calls `fill` with every unknown slot and whether it is inside. `known` says of a slot whether its
+/// end is inside; `first` whether the beginning of the first known slot is.
+pub(super) fn flood(
+    edge: usize,
+    first: bool,
+    known: impl Fn(usize) -> Option<bool>,
+    mut fill: impl FnMut(usize, bool),
+) {
+    let mut along_x = first;
+    for x in 0..edge {
+        along_x = known(x * edge * edge).unwrap_or(along_x);
+        let mut along_y = along_x;
+        for y in 0..edge {
+            let row = (x * edge + y) * edge;
+            along_y = known(row).unwrap_or(along_y);
+            let mut along_z = along_y;
+            for slot in row..row + edge {
+                match known(slot) {
+                    Some(inside) => along_z = inside,
+                    None => fill(slot, along_z),
+                }
+            }
+        }
+    }
+}
+
+/// Whether the last slot of a flooded cube ends inside, from the known slots in ascending order with
+/// the sign of their ends.
+pub(super) fn last(
+    edge: usize,
+    first: bool,
+    known: impl DoubleEndedIterator<Item = (usize, bool)>,
+) -> bool {
+    let counts = |slot: usize| {
+        let (x, y, z) = (slot / (edge * edge), slot / edge % edge, slot % edge);
+        z == 0 && (y == 0 || x + 1 == edge) || x + 1 == edge && y + 1 == edge
+    };
+    let mut before = known.rev().filter(|&(slot, _)| counts(slot));
+    before.next().map_or(first, |(_, inside)| inside)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::collections::BTreeMap;
+
+    #[test]
+    fn the_last_slot_is_what_the_flood_leaves_there() {
+        let edge = 4;
+        let mut state = 1u64;
+        for _ in 0..500 {
+            let mut known = BTreeMap::new();
+            for slot in 0..edge * edge * edge {
+                state = state.wrapping_mul(6364136223846793005).wrapping_add(1);
+                if (state >> 33) % 8 == 0 {
+                    known.insert(slot, state >> 40 & 1 == 0);
+                }
+            }
+            let first = state >> 50 & 1 == 0;
+            let mut signs = known.clone();
+            flood(
+                edge,
+                first,
+                |s| known.get(&s).copied(),
+                |s, inside| {
+                    signs.insert(s, inside);
+                },
+            );
+            let found = last(edge, first, known.iter().map(|(&s, &i)| (s, i)));
+            assert_eq!(signs[&(edge * edge * edge - 1)], found);
+        }
+    }
+}

@@ -1,0 +1,112 @@
+//! Job files: a plan's bricks and their merge, for queues that exist.
+
+use crate::pipeline::BrickPlan;
+use clap::ValueEnum;
+use serde_json::json;
+use std::path::{Path, PathBuf};
+
+/// Queues that job files are written for.
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(super) enum Queue {
+    /// A Slurm job array and a merge that waits for it; run the script to submit both.
+    Slurm,
+    /// An Open Job Description template (Deadline Cloud, openjd).
+    Openjd,
+    /// A script for GNU parallel on this machine or several.
+    Parallel,
+}
+
+/// The job file of a plan: its name, beside the plan, and its text.
+pub(super) fn of(queue: Queue, path: &Path, plan: &BrickPlan, threads: usize) -> (PathBuf, String) {
+    let last = plan.bricks.len().saturating_sub(1);
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+    let threads_flag = match threads {
+        0 => String::new(),
+        n => format!(" --threads {n}"),
+    };
+    // Kept as one word of the shell whatever it holds.
+    let word = |text: &str| format!("'{}'", text.replace('\'', r"'\''"));
+    let (suffix, text) = match queue {
+        Queue::Slurm => (
+            "slurm.sh",
+            SLURM
+                .replace("@LAST", &last.to_string())
+                .replace("@CPUS", &threads.max(1).to_string())
+                .replace("@MEGABYTES", &(plan.memory_bytes >> 20).max(64).to_string())
+                .replace("@THREADS", &format!(" --threads {}", threads.max(1)))
+                .replace("@PLAN", &word(&name)),
+        ),
+        Queue::Parallel => (
+            "parallel.sh",
+            PARALLEL
+                .replace("@LAST", &last.to_string())
+                .replace("@LOG", &word(&format!("{stem}.joblog")))
+                .replace("@THREADS", &threads_flag)
+                .replace("@PLAN", &word(&name)),
+        ),
+        Queue::Openjd => ("openjd.json", openjd(&name, &stem, last, threads)),
+    };
+    (path.with_file_name(format!("{stem}.{suffix}")), text)
+}
+
+const SLURM: &str = r#"#!/bin/sh
+# Submits the bricks of a plan as a job array, and the merge, which waits for all of them.
+# Flags of this script go to both jobs, as in --partition=long. DRUSE names the program.
+# A brick that fails or is requeued may run again: what is there and whole is left as it is.
+set -e
+cd "$(dirname "$0")"
+export PLAN=@PLAN DRUSE="${DRUSE:-druse}"
+bricks=$(sbatch --parsable --requeue --array=0-@LAST --cpus-per-task=@CPUS --mem=@MEGABYTESM "$@" \
+    --wrap '"$DRUSE" run "$PLAN" --brick "$SLURM_ARRAY_TASK_ID"@THREADS')
+sbatch --dependency="afterok:${bricks%%;*}" --cpus-per-task=@CPUS --mem=@MEGABYTESM "$@" \
+    --wrap '"$DRUSE" merge "$PLAN"@THREADS'
+"#;
+
+const PARALLEL: &str = r#"#!/bin/sh
+# Makes the bricks of a plan with GNU parallel, then merges them; run again, it goes on where it was.
+# Flags of this script go to parallel, as in --jobs 4 or --sshlogin. DRUSE names the program.
+set -e
+cd "$(dirname "$0")"
+export PLAN=@PLAN DRUSE="${DRUSE:-druse}"
+seq 0 @LAST | parallel --joblog @LOG --resume-failed --retries 3 --env PLAN --env DRUSE "$@" \
+    '"$DRUSE" run "$PLAN" --brick {}@THREADS'
+"$DRUSE" merge "$PLAN"
+"#;
+
+fn openjd(name: &str, stem: &str, last: usize, threads: usize) -> String {
+    let step = |arguments: &[&str]| {
+        let mut words: Vec<String> = arguments.iter().map(|&a| a.to_owned()).collect();
+        if threads > 0 {
+            words.extend(["--threads".to_owned(), threads.to_string()]);
+        }
+        json!({ "actions": { "onRun": { "command": "{{Param.Druse}}", "args": words } } })
+    };
+    let template = json!({
+        "specificationVersion": "jobtemplate-2023-09",
+        "name": stem,
+        "parameterDefinitions": [
+            {
+                "name": "Plan", "type": "PATH", "objectType": "FILE", "dataFlow": "IN",
+                "default": name, "description": "The plan; its bricks go beside it."
+            },
+            { "name": "Druse", "type": "STRING", "default": "druse", "description": "The program." }
+        ],
+        "steps": [
+            {
+                "name": "Bricks",
+                "parameterSpace": { "taskParameterDefinitions": [
+                    { "name": "Brick", "type": "INT", "range": format!("0-{last}") }
+                ] },
+                "script": step(&["run", "{{Param.Plan}}", "--brick", "{{Task.Param.Brick}}"])
+            },
+            {
+                "name": "Merge",
+                "dependencies": [{ "dependsOn": "Bricks" }],
+                "script": step(&["merge", "{{Param.Plan}}"])
+            }
+        ]
+    });
+    let text = serde_json::to_string_pretty(&template).unwrap_or_default();
+    format!("{text}\n")
+}

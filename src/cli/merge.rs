@@ -1,0 +1,30 @@
+//! `druse merge PLAN`.
+
+use super::{Answer, Failure, Session};
+use crate::pipeline::{RunOptions, merge_bricks};
+use clap::Args;
+use std::path::PathBuf;
+
+#[derive(Args)]
+pub(super) struct Parameters {
+    /// The plan (.json) whose bricks have been made.
+    plan: PathBuf,
+    /// Directory for the outputs [default: the plan's, or the recipe's own].
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Worker threads [default: one per core].
+    #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true)]
+    threads: usize,
+}
+
+pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
+    let options = RunOptions {
+        threads: p.threads,
+        out: p.out.clone(),
+        strict: session.strict(),
+        isolated: Some(super::vdb::reader()?),
+        ..RunOptions::default()
+    };
+    let report = merge_bricks(&p.plan, &options, session)?;
+    Ok(super::run::reported(&report, session))
+}

@@ -1,0 +1,98 @@
+//! What bricks cost: memory, and room on the disk.
+
+use super::super::error::RunError;
+use super::super::estimate::{Counts, LEAF_BYTES, copies};
+use super::super::memory;
+use super::super::stock::Stock;
+use crate::progress::Threads;
+use crate::recipe::{OutputKind, Recipe};
+use std::path::{Path, PathBuf};
+
+/// Largest edge of a brick that is chosen, blocks.
+const LARGEST: u32 = 8;
+/// Memory beside the bricks: reading ahead, buffers of files, what the allocator keeps.
+const ASIDE: f64 = (64u64 << 20) as f64;
+/// Memory of a thread that samples: a full block twice.
+const PER_THREAD: f64 = (24u64 << 20) as f64;
+/// Memory that a block on disk keeps.
+const PER_BLOCK: f64 = 1300.0;
+/// A brick may hold so much more than the mean.
+const CROWDED: f64 = 2.0;
+/// Leaves of a full block.
+const FULL: f64 = 4096.0;
+
+/// Memory that a run in bricks of `edge` blocks takes, bytes.
+pub(crate) fn needs(
+    stock: &Stock,
+    threads: &Threads,
+    counts: &Counts,
+    halo: i32,
+    edge: u32,
+) -> u64 {
+    let base = memory::resident() as f64
+        + ASIDE
+        + PER_THREAD * threads.count() as f64
+        + PER_BLOCK * counts.blocks;
+    let density = (CROWDED * counts.leaves / counts.blocks.max(1.0)).min(FULL);
+    let leaves = |halo: f64| density * (f64::from(edge) + 2.0 * halo / 128.0).powi(3);
+    let operated = if halo > 0 {
+        leaves(f64::from(halo)) * LEAF_BYTES * (1.0 + copies(stock))
+    } else {
+        0.0
+    };
+    // Meshing: the leaves with a layer around them, and 125 bytes a point.
+    let points = 0.25 * counts.active / counts.leaves.max(1.0);
+    let meshed = leaves(8.0) * (LEAF_BYTES + 125.0 * points);
+    (base + operated.max(meshed)) as u64
+}
+
+/// The greatest edge of bricks, in blocks, that a budget has room for.
+///
+/// # Errors
+/// The least memory that would do.
+pub(crate) fn edge_that_fits(
+    stock: &Stock,
+    threads: &Threads,
+    counts: &Counts,
+    halo: i32,
+    budget: u64,
+) -> Result<u32, RunError> {
+    let cost = |edge: u32| needs(stock, threads, counts, halo, edge);
+    let fits = (1..=LARGEST).rev().find(|&edge| cost(edge) <= budget);
+    fits.ok_or_else(|| RunError::Budget {
+        least: cost(1),
+        budget,
+    })
+}
+
+/// Bytes of the leaf files.
+pub(crate) fn leaf_bytes(counts: &Counts) -> f64 {
+    4.0 * counts.active + 66.0 * counts.leaves
+}
+
+/// Refuses a run for whose bricks or outputs the disk has no room.
+pub(crate) fn check_disk(directory: &Path, needed: u64) -> Result<(), RunError> {
+    let Ok(fs) = rustix::fs::statvfs(directory) else {
+        return Ok(());
+    };
+    let free = fs.f_bavail.saturating_mul(fs.f_frsize);
+    if free >= needed {
+        return Ok(());
+    }
+    Err(RunError::Disk {
+        directory: directory.to_owned(),
+        needed,
+        free,
+    })
+}
+
+/// Where the bricks of a run in bricks are kept: `.NAME.bricks` beside its first output.
+pub(crate) fn directory_beside(recipe: &Recipe, out: Option<&Path>) -> PathBuf {
+    let outputs = &recipe.sections().output;
+    let named = || outputs.iter().flat_map(|o| o.named());
+    let vdb = named().find(|(kind, _)| *kind == OutputKind::Vdb);
+    let path = vdb.or_else(|| named().next()).map(|(_, path)| path);
+    let target = super::super::output::target(recipe, out, path.unwrap_or(Path::new("run")));
+    let name = target.file_name().unwrap_or_default().to_string_lossy();
+    target.with_file_name(format!(".{name}.bricks"))
+}

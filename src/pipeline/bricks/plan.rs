@@ -1,0 +1,208 @@
+//! The plan of a run in bricks: which bricks there are, and of what they are made.
+
+use super::super::error::RunError;
+use super::super::estimate::Counts;
+use super::super::operate::Bench;
+use super::super::report::Input;
+use super::super::shape::{Shape, field_operations, operation_shape, shape};
+use super::super::stock::Stock;
+use super::budget::{leaf_bytes, needs};
+use super::{Layout, voxels};
+use crate::band::{BLOCK, Region};
+use crate::frame::Coord;
+use crate::progress::{Progress, Threads};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeSet;
+use std::path::PathBuf;
+
+/// A plan, as JSON.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct BrickPlan {
+    /// Version of Druse that made it.
+    pub druse: String,
+    /// The recipe's file, relative to the plan.
+    pub recipe: PathBuf,
+    /// Overrides of the recipe's keys.
+    pub set: Vec<String>,
+    /// BLAKE3 of the recipe's text with its overrides.
+    pub recipe_blake3: String,
+    /// The files that were read.
+    pub inputs: Vec<PlannedInput>,
+    /// Edge of a voxel, the recipe's unit.
+    pub voxel_size: f64,
+    /// Half width of the band, voxels.
+    pub half_width: f64,
+    /// Edge of a brick, blocks of 128 voxels.
+    pub edge: u32,
+    /// Voxels around a brick that are sampled with it.
+    pub halo: u32,
+    /// Least voxel of each brick, by number.
+    pub bricks: Vec<[i32; 3]>,
+    /// Directory of the outputs, relative to the plan; the recipe's own when absent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub out: Option<PathBuf>,
+    /// Predicted bytes of all leaf files.
+    pub leaf_bytes: u64,
+    /// Predicted peak memory of a process that makes one brick, or merges them.
+    pub memory_bytes: u64,
+}
+
+/// A file that a plan's bricks read.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct PlannedInput {
+    /// The recipe's key.
+    pub key: String,
+    /// BLAKE3 of its bytes.
+    pub hash: String,
+}
+
+impl BrickPlan {
+    /// The voxels of a brick.
+    pub(in super::super) fn region(&self, brick: usize) -> Region {
+        Region::cube(Coord(self.bricks[brick]), self.edge as i32 * BLOCK)
+    }
+
+    pub(in super::super) fn halo(&self) -> i32 {
+        self.halo as i32
+    }
+
+    /// Hash of all that decides the values of bricks: what leaf files begin with.
+    pub(in super::super) fn digest(&self) -> [u8; 32] {
+        let deciding = Self {
+            recipe: PathBuf::new(),
+            out: None,
+            leaf_bytes: 0,
+            memory_bytes: 0,
+            ..self.clone()
+        };
+        let text = serde_json::to_string(&deciding).unwrap_or_default();
+        *blake3::hash(text.as_bytes()).as_bytes()
+    }
+
+    /// Whether a plan is whole and of a size that bricks have.
+    ///
+    /// # Errors
+    /// What is wrong with it.
+    pub fn check(&self) -> Result<(), String> {
+        if !(1..=64).contains(&self.edge) {
+            return Err(format!(
+                "bricks of {} blocks a side; expected 1 to 64",
+                self.edge
+            ));
+        }
+        if self.halo > 1 << 20 {
+            return Err(format!(
+                "a halo of {} voxels; expected at most 1048576",
+                self.halo
+            ));
+        }
+        let edge = self.edge as i32 * BLOCK;
+        let odd = |b: &&[i32; 3]| {
+            b.iter()
+                .any(|c| c % edge != 0 || c.unsigned_abs() > 1 << 29)
+        };
+        match self.bricks.iter().find(odd) {
+            Some(brick) => Err(format!(
+                "a brick at {brick:?}; expected multiples of {edge}"
+            )),
+            None => Ok(()),
+        }
+    }
+
+    /// What of a run differs from the plan: version, recipe, inputs, voxels.
+    pub(in super::super) fn differences(&self, stock: &Stock) -> Vec<String> {
+        let report = stock.report();
+        let (voxel_size, half_width) = voxels(stock.recipe);
+        let mut found = Vec::new();
+        if self.druse != report.druse {
+            let versions = format!(
+                "druse {} made the plan, this is {}",
+                self.druse, report.druse
+            );
+            found.push(versions);
+        }
+        if self.recipe_blake3 != report.recipe_blake3 {
+            found.push(format!("the recipe {} has changed", report.recipe));
+        }
+        let inputs = planned(&report.inputs);
+        for input in self.inputs.iter().filter(|i| !inputs.contains(i)) {
+            let now = report.inputs.iter().find(|i| i.key == input.key);
+            found.push(match now {
+                Some(now) => format!("the input {} ({}) has changed", now.path, now.key),
+                None => format!("the input of {} is gone", input.key),
+            });
+        }
+        let scale = (self.voxel_size, self.half_width) != (voxel_size, half_width);
+        if scale && found.is_empty() {
+            found.push(format!(
+                "voxels of {voxel_size}, {half_width} in the band's half"
+            ));
+        }
+        found
+    }
+}
+
+fn planned(inputs: &[Input]) -> Vec<PlannedInput> {
+    let hashed = |i: &Input| PlannedInput {
+        key: i.key.clone(),
+        hash: i.hash.clone(),
+    };
+    inputs.iter().map(hashed).collect()
+}
+
+/// The plan of a run: all bricks that may hold a part of the band.
+pub(in super::super) fn layout(
+    stock: &Stock,
+    layout: &Layout,
+    counts: &Counts,
+    threads: &Threads,
+    progress: &dyn Progress,
+) -> Result<BrickPlan, RunError> {
+    let bench = Bench::new(stock.recipe, threads, progress);
+    let edge = layout.edge as i32 * BLOCK;
+    let reach = f64::from(layout.halo) * bench.scale.voxel_size;
+    let ops = &stock.recipe.sections().op;
+    let mut bricks = BTreeSet::new();
+    let mut enter = |shape: &Shape| -> Result<(), RunError> {
+        let blocks = bench.band(shape)?.blocks();
+        for block in blocks.map_err(RunError::band("plan"))? {
+            let near = Region::cube(block, BLOCK).grown(layout.halo);
+            let [x, y, z] =
+                [0, 1, 2].map(|a| near.min[a].div_euclid(edge)..=near.max[a].div_euclid(edge));
+            for (x, y) in x.flat_map(|x| y.clone().map(move |y| (x, y))) {
+                bricks.extend(z.clone().map(|z| [x * edge, y * edge, z * edge]));
+            }
+        }
+        Ok(())
+    };
+    let first = shape(stock, bench.scale)?;
+    enter(&first)?;
+    let mut room = first.extent.dilated(reach);
+    for (n, op) in ops.iter().enumerate().skip(field_operations(ops)) {
+        if let Some(other) = operation_shape(stock, (n, op), bench.scale, || Ok(room))? {
+            if other.extent.is_empty() {
+                continue;
+            }
+            room = room.union(other.extent.dilated(reach));
+            enter(&other)?;
+        }
+    }
+    let report = stock.report();
+    let (voxel_size, half_width) = voxels(stock.recipe);
+    Ok(BrickPlan {
+        druse: report.druse,
+        recipe: report.recipe.into(),
+        set: stock.recipe.source().overrides().to_vec(),
+        recipe_blake3: report.recipe_blake3,
+        inputs: planned(&report.inputs),
+        voxel_size,
+        half_width,
+        edge: layout.edge,
+        halo: layout.halo as u32,
+        bricks: bricks.into_iter().collect(),
+        out: None,
+        leaf_bytes: leaf_bytes(counts) as u64,
+        memory_bytes: needs(stock, threads, counts, layout.halo, layout.edge),
+    })
+}

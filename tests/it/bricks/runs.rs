@@ -1,0 +1,222 @@
+//! Whole runs in bricks against runs in memory.
+
+use druse::frame::Vec3;
+use druse::mesh;
+use druse::pipeline::{
+    Report, RunError, RunOptions, brick_plan, make_bricks, merge_bricks, plan, run,
+};
+use druse::progress::{Progress, Silent, Threads};
+use druse::recipe::Recipe;
+use druse::vdb::{LevelSet, Session};
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+/// A ball with a bite, across the origin where nodes of all sizes meet; 70 voxels a side.
+const SOLID: &str = "druse = 1\nunit = \"mm\"\n[band]\nvoxel_size = 0.2\n[[op]]\nunion = { sphere = { centre = [0.3, 0.1, 0], radius = 7 } }\n[[op]]\nsubtract = { sphere = { centre = [0.3, 0.1, 5], radius = 5 } }\n";
+const FILES: &str = "[[output]]\nvdb = \"a.vdb\"\n[[output]]\nvdb = \"half.vdb\"\nunit = \"mm\"\nhalf = true\n[[output]]\nmesh = \"a.stl\"\n";
+
+fn recipe(ops: &str) -> Recipe {
+    Recipe::parse(&format!("{SOLID}{ops}{FILES}"), &[]).unwrap()
+}
+
+fn options(out: &Path, bricks: Option<u32>, threads: usize) -> RunOptions {
+    RunOptions {
+        threads,
+        bricks,
+        brief: true,
+        out: Some(out.to_owned()),
+        ..RunOptions::default()
+    }
+}
+
+fn hashes(report: &Report) -> Vec<&String> {
+    let outputs = report.outputs.iter();
+    outputs.filter_map(|o| o.content_hash.as_ref()).collect()
+}
+
+#[test]
+fn bricks_of_any_size_make_the_file_that_memory_makes() {
+    let directory = tempfile::tempdir().unwrap();
+    let [whole, parts] = ["whole", "parts"].map(|n| directory.path().join(n));
+    let recipe = recipe("");
+    let threads = Threads::new(2).unwrap();
+    let session = Session::new(&threads, &Silent);
+    let read = |p: &Path| LevelSet::read(&p.join("a.vdb"), None, session).unwrap();
+    let one = run(&recipe, &options(&whole, None, 2), &Silent).unwrap();
+    let expected = read(&whole);
+    for (bricks, threads) in [(1, 1), (1, 2), (2, 2), (3, 2)] {
+        let two = run(&recipe, &options(&parts, Some(bricks), threads), &Silent).unwrap();
+        assert_eq!(hashes(&one), hashes(&two));
+        assert_eq!(one.band.active_voxels, two.band.active_voxels);
+        let found = read(&parts);
+        assert_eq!(expected.tiles().unwrap(), found.tiles().unwrap());
+        let all = |s: &LevelSet| {
+            let leaves = s.leaves().unwrap();
+            let list = leaves.iter().map(|l| (l.origin, l.mask, l.values.to_vec()));
+            list.collect::<Vec<_>>()
+        };
+        assert_eq!(all(&expected), all(&found));
+        let (v, w) = (one.solid.volume, two.solid.volume);
+        assert!((v / w - 1.0).abs() < 1e-9, "{v} {w}");
+        assert!((one.solid.area / two.solid.area - 1.0).abs() < 1e-9);
+        let stl = druse::io::read_mesh(parts.join("a.stl")).unwrap().mesh;
+        let checked = mesh::check(&stl);
+        assert!(checked.is_sound(), "seams of the mesh");
+        let count = |p: &Path| std::fs::metadata(p.join("a.stl")).unwrap().len();
+        assert_eq!(count(&whole), count(&parts));
+        // Nothing but the outputs stays.
+        let hidden = std::fs::read_dir(&parts).unwrap();
+        let names = hidden.map(|e| e.unwrap().file_name().into_string().unwrap());
+        assert!(names.into_iter().all(|n| !n.starts_with('.')));
+    }
+}
+
+#[test]
+fn operations_see_as_far_as_they_reach() {
+    let plane = "plane = { point = [1, 0, 0], normal = [1, 1, 0] }";
+    let sphere = "sphere = { radius = 4, centre = [6, 0, 0] }";
+    let after = |op: &str| format!("[[op]]\ndilate = 0.2\n[[op]]\n{op}\n");
+    let alone = |op: &str| format!("[[op]]\n{op}\n");
+    let mut all = vec![
+        alone("dilate = 0.4"),
+        alone("gaussian = 1"),
+        alone("hollow = 0.5"),
+        after(&format!("intersect = {{ {plane} }}")),
+        after("trim = { min = [-5, -5, -5], max = [5, 5, 5] }"),
+    ];
+    if std::env::var_os("DRUSE_FULL").is_some() {
+        all.extend([
+            alone("erode = 0.3"),
+            alone("open = 0.2"),
+            alone("close = 0.2"),
+            alone("mean = 2"),
+            alone("median = 1"),
+            alone("laplacian = 2"),
+            alone("curvature = 2"),
+            alone("renormalise = 3"),
+            alone("fillet = 0.3"),
+            alone("dilate = { distance = 0.2, precise = true }"),
+            alone(&format!(
+                "blend = {{ with = {{ {sphere} }}, radius = 0.4 }}"
+            )),
+            after("union = { box = { size = [4, 4, 30] } }\n[[op]]\nprune = true"),
+            after(&format!("subtract = {{ {plane} }}\n[[op]]\nmean = 1")),
+        ]);
+    }
+    let directory = tempfile::tempdir().unwrap();
+    for ops in all {
+        let recipe = recipe(&ops);
+        let one = run(&recipe, &options(directory.path(), None, 2), &Silent).unwrap();
+        let two = run(&recipe, &options(directory.path(), Some(1), 2), &Silent).unwrap();
+        assert_eq!(hashes(&one), hashes(&two), "{ops}");
+    }
+}
+
+/// Stops as soon as a file is there.
+struct StopAt(PathBuf);
+
+impl Progress for StopAt {
+    fn stage(&self, _: &str, _: Option<u64>) {}
+    fn advance(&self, _: u64) {}
+    fn cancelled(&self) -> bool {
+        self.0.exists()
+    }
+}
+
+#[test]
+fn a_stopped_run_goes_on_with_the_bricks_that_are_there() {
+    let directory = tempfile::tempdir().unwrap();
+    let [out, uncut] = ["out", "uncut"].map(|n| directory.path().join(n));
+    let recipe = recipe("[[op]]\nmean = 1\n");
+    let uncut = run(&recipe, &options(&uncut, Some(1), 2), &Silent).unwrap();
+    let leaves = |n: u32| out.join(format!(".a.vdb.bricks/brick-{n:06}.leaves"));
+    for brick in [1, 4] {
+        let error = run(&recipe, &options(&out, Some(1), 2), &StopAt(leaves(brick)));
+        assert!(matches!(error, Err(RunError::Cancelled(_))));
+        assert!(!out.join("a.vdb").exists() && !leaves(brick + 1).exists());
+    }
+    // A brick damaged meanwhile is made again.
+    let mut bytes = std::fs::read(leaves(2)).unwrap();
+    let middle = bytes.len() / 2;
+    bytes[middle] ^= 1;
+    std::fs::write(leaves(2), bytes).unwrap();
+    let report = run(&recipe, &options(&out, Some(1), 2), &Silent).unwrap();
+    assert_eq!(hashes(&uncut), hashes(&report));
+    assert_eq!(report.bricks.unwrap().found_whole, 4);
+    assert!(!leaves(0).exists());
+}
+
+#[test]
+fn a_plan_is_made_brick_by_brick_and_refused_when_it_no_longer_fits() {
+    let directory = tempfile::tempdir().unwrap();
+    let file = directory.path().join("r.toml");
+    std::fs::write(&file, format!("{SOLID}{FILES}")).unwrap();
+    let recipe = Recipe::read(&file, &[]).unwrap();
+    let path = directory.path().join("p.json");
+    let own = RunOptions {
+        bricks: Some(1),
+        ..RunOptions::default()
+    };
+    let made = brick_plan(&recipe, &path, &own, &Silent).unwrap();
+    let last = made.bricks.len() - 1;
+    assert_eq!(last, 7);
+    make_bricks(&path, &[0..4, 5..8], &own, &Silent).unwrap();
+    let error = merge_bricks(&path, &own, &Silent).unwrap_err().to_string();
+    assert!(error.contains("missing: 4"), "{error}");
+    assert_eq!(make_bricks(&path, &[0..4, 4..8], &own, &Silent).unwrap(), 7);
+    let report = merge_bricks(&path, &own, &Silent).unwrap();
+    let whole = run(&recipe, &options(directory.path(), None, 2), &Silent).unwrap();
+    assert_eq!(hashes(&whole), hashes(&report));
+    assert!(make_bricks(&path, &[0..1, 7..9], &own, &Silent).is_err());
+    std::fs::write(&file, format!("{SOLID}{FILES}# other\n")).unwrap();
+    let error = merge_bricks(&path, &own, &Silent).unwrap_err().to_string();
+    assert!(error.contains("r.toml has changed"), "{error}");
+    std::fs::remove_file(&file).unwrap();
+    let error = make_bricks(&path, &[0..1, 1..2], &own, &Silent).unwrap_err();
+    assert!(error.to_string().contains("not here"), "{error}");
+}
+
+#[test]
+fn what_cannot_go_through_bricks_says_why() {
+    let directory = tempfile::tempdir().unwrap();
+    let refused = |extra: &str, wanted: &str| {
+        let recipe = recipe(extra);
+        let error = run(&recipe, &options(directory.path(), Some(1), 1), &Silent).unwrap_err();
+        assert!(error.to_string().contains(wanted), "{error}");
+    };
+    refused("[[op]]\nkeep_largest = true\n", "op.2.keep_largest");
+    refused("[[output]]\npicture = \"a.png\"\n", "a.png");
+    refused("[[output]]\nmesh = \"a.obj\"\n", "a.obj");
+    let tight = RunOptions {
+        memory: Some(32 << 20),
+        ..options(directory.path(), None, 1)
+    };
+    let error = run(&recipe(""), &tight, &Silent).unwrap_err();
+    assert!(matches!(error, RunError::Budget { .. }), "{error}");
+    let foretold = plan(&recipe(""), &options(directory.path(), Some(1), 1), &Silent).unwrap();
+    assert_eq!(foretold.bricks, 8);
+}
+
+#[test]
+fn a_budget_is_kept_by_a_part_larger_than_it() {
+    // 14 million active voxels: 0.5 GB in memory, with its mesh.
+    let directory = tempfile::tempdir().unwrap();
+    let text = "druse = 1\nunit = \"mm\"\n[band]\nvoxel_size = 0.04\n[[op]]\nunion = { sphere = { radius = 18 } }\n[[output]]\nvdb = \"a.vdb\"\n";
+    std::fs::write(directory.path().join("r.toml"), text).unwrap();
+    let run = |budget: &str, out: &str| -> serde_json::Value {
+        let output = Command::new(env!("CARGO_BIN_EXE_druse"))
+            .args(["run", "r.toml", "--json", "--out", out, "--memory", budget])
+            .current_dir(directory.path())
+            .output()
+            .unwrap();
+        assert!(output.status.success(), "{output:?}");
+        serde_json::from_slice(&output.stdout).unwrap()
+    };
+    let report = run("320M", "bricks");
+    assert!(report["bricks"]["count"].as_u64().unwrap() > 1, "{report}");
+    let peak = report["peak_memory_bytes"].as_f64().unwrap();
+    assert!(peak < 1.1 * 320.0 * f64::from(1 << 20), "{peak}");
+    let volume = report["solid"]["volume"].as_f64().unwrap();
+    let exact = 4.0 / 3.0 * std::f64::consts::PI * Vec3::new(18.0, 0.0, 0.0).norm().powi(3);
+    assert!((volume / exact - 1.0).abs() < 1e-3);
+}
