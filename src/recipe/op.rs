@@ -32,7 +32,7 @@ pub enum Op {
     Close(Brief<Move>),
     /// Keep only a wall along the surface.
     Hollow(Brief<Hollow>),
-    /// Fill concave edges to a radius, and gaps narrower than twice it.
+    /// Fill concave edges to a radius, and gaps narrower than twice it; flat walls stay within 0.02 voxel.
     Fillet(Brief<Fillet>),
     /// Gaussian smoothing of the level set; a width of 1 erases walls of 2 voxels.
     Gaussian(Brief<Kernel>),

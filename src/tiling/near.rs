@@ -3,7 +3,8 @@
 use super::patch::{ON_FACE, Patch, Spot};
 use super::{Boundary, CHORD, Distance, Filling, TiledSolid};
 use crate::field::Interval;
-use crate::frame::{Aabb, Vec3};
+use crate::frame::{Aabb, Mat3, Vec3};
+use std::cell::Cell;
 
 /// Elements of one component near a box, by ascending number.
 pub(super) struct Near {
@@ -16,8 +17,24 @@ pub(super) struct Near {
 /// it is found.
 pub(super) struct Local {
     pub near: Near,
-    /// The last point's owner, and its reference coordinates there.
-    last: Option<(u32, Vec3)>,
+    /// The last point's owner.
+    last: Option<u32>,
+    /// The last point that each near element placed, if it is curved.
+    trails: Vec<Cell<Option<Trail>>>,
+}
+
+/// A point as an element has placed it: from there the next one is guessed.
+#[derive(Clone, Copy)]
+struct Trail {
+    x: Vec3,
+    xi: Vec3,
+    inverse: Mat3,
+}
+
+impl Trail {
+    fn guess(&self, x: Vec3) -> Vec3 {
+        self.xi + self.inverse * (x - self.x)
+    }
 }
 
 /// What is known of a point before it is looked at; see [`TiledSolid::value_at`].
@@ -45,7 +62,17 @@ pub(super) struct Owner {
 
 impl Local {
     pub fn new(near: Near) -> Self {
-        Self { near, last: None }
+        let trails = vec![Cell::new(None); near.patches.len()];
+        Self {
+            near,
+            last: None,
+            trails,
+        }
+    }
+
+    fn note(&self, place: usize, x: Vec3, spot: &Spot) {
+        let (xi, inverse) = (spot.xi, spot.inverse);
+        self.trails[place].set(Some(Trail { x, xi, inverse }));
     }
 
     /// An empty list, to be filled by [`TiledSolid::narrow`].
@@ -104,6 +131,8 @@ impl<F: Filling> TiledSolid<'_, F> {
                 .filter(|&&e| !self.patches[e as usize].misses(centre, half, margin)),
         );
         local.near.slope_sup = self.slope_sup(patches);
+        local.trails.clear();
+        local.trails.resize(patches.len(), Cell::new(None));
     }
 
     pub(super) fn patch(&self, local: &Local, place: usize) -> &Patch {
@@ -112,27 +141,36 @@ impl<F: Filling> TiledSolid<'_, F> {
 
     /// Where a point lies in one of the near elements, if it may be less than `margin` outside.
     pub(super) fn spot(&self, local: &Local, place: usize, x: Vec3, margin: f64) -> Option<Spot> {
-        self.patch(local, place)
-            .spot(self.scaffold, x, margin, None)
+        let patch = self.patch(local, place);
+        if patch.is_affine() {
+            return patch.spot(self.scaffold, x, margin, None);
+        }
+        let start = local.trails[place].get().map(|t| t.guess(x));
+        let spot = patch.spot(self.scaffold, x, margin, start)?;
+        local.note(place, x, &spot);
+        Some(spot)
     }
 
     /// The element of lowest number that contains a point.
     pub(super) fn owner(&self, local: &mut Local, x: Vec3) -> Option<Owner> {
         let margin = ON_FACE * x.amax().max(self.options.voxel_size) + ON_FACE * self.delta();
-        if let Some((number, start)) = local.last {
+        let near = &local.near.patches;
+        let last = local.last.and_then(|n| near.binary_search(&n).ok());
+        if let Some(place) = last {
             // Well inside one element no other can contain the point.
-            let patch = &self.patches[number as usize];
+            let patch = self.patch(local, place);
+            let start = local.trails[place].get().map(|t| t.guess(x));
             if let Some(spot) = patch.inside(self.scaffold, x, start) {
-                if let Ok(place) = local.near.patches.binary_search(&number) {
-                    local.last = Some((number, spot.xi));
-                    return Some(Owner { place, spot });
+                if !patch.is_affine() {
+                    local.note(place, x, &spot);
                 }
+                return Some(Owner { place, spot });
             }
         }
         for place in 0..local.near.patches.len() {
             if let Some(spot) = self.spot(local, place, x, margin) {
                 if spot.beyond <= ON_FACE {
-                    local.last = Some((local.near.patches[place], spot.xi));
+                    local.last = Some(local.near.patches[place]);
                     return Some(Owner { place, spot });
                 }
             }

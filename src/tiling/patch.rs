@@ -170,14 +170,15 @@ impl Patch {
     }
 
     /// Where `x` lies if it is well inside the element, off its faces; Newton starts at `start`.
-    pub fn inside(&self, scaffold: &Scaffold, x: Vec3, start: Vec3) -> Option<Spot> {
+    pub fn inside(&self, scaffold: &Scaffold, x: Vec3, start: Option<Vec3>) -> Option<Spot> {
         let spot = match &self.inverse {
             Inverse::Affine { matrix, centre } => self.affine_spot(matrix, centre, x),
-            Inverse::Curved { .. } => {
+            Inverse::Curved { matrix, centre } => {
                 if self.is_beyond(x, 0.0) {
                     return None;
                 }
-                self.newton(scaffold, x, self.clamp(start))?
+                let guess = start.unwrap_or_else(|| matrix * (x - centre));
+                self.newton(scaffold, x, self.clamp(guess))?
             }
         };
         (spot.beyond < -ON_FACE).then_some(spot)
@@ -216,7 +217,8 @@ impl Patch {
             let next = if beyond > 0.0 { self.clamp(xi) } else { xi };
             let moved = (next - at).amax();
             // Inside, convergence is quadratic: the next step would be the square of this one.
-            let settled = if beyond > 0.0 { 1e-11 } else { 1e-7 };
+            // Outside it is linear, each step a small share (curvature times overshoot) of the last.
+            let settled = if beyond > 0.0 { 1e-9 } else { 1e-6 };
             if moved < settled {
                 return Some(Spot {
                     xi,

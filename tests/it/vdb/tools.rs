@@ -146,6 +146,9 @@ fn boolean_operations_and_meshes_are_those_of_vdb_tool() {
     // Its triangles are wound inward; the volumes are those of the same quadrilaterals, cut otherwise.
     let ratio = ours.volume() / theirs.volume().abs();
     assert!((ratio - 1.0).abs() < 1e-4, "{ratio}");
+    // Ours lifts values within 1e-4 voxel of zero, which would make edges of more than two triangles.
     let [a, b] = [ours.bounds(), theirs.bounds()];
-    assert!((a.min - b.min).norm() + (a.max - b.max).norm() < 1e-5);
+    let most = 1.1e-4 * part().voxel_size();
+    let off = (a.min - b.min).amax().max((a.max - b.max).amax());
+    assert!(off < most, "{off}");
 }
