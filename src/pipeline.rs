@@ -55,7 +55,7 @@ mod varying;
 mod volumes;
 mod wall;
 
-pub use bricks::{BrickPlan, PlanOptions, brick_plan, make_bricks, merge_bricks};
+pub use bricks::{BrickPlan, brick_plan, make_bricks, merge_bricks};
 pub use cells::{levelled, make_cell, one_element, own_element, read_source};
 pub use crystals::{CrystalScript, crystal_script};
 pub use error::RunError;

@@ -2,9 +2,9 @@
 //!
 //! In element `e` with map `x = M_e(xi)` the tiled field is `F(x) = Phi(M_e^-1(x))`: continuous over
 //! shared faces whatever the elements' numbering, because the cell has the full symmetry of its
-//! element (mathematics 6.2); its gradient is not. [`TiledSolid`] turns F into distances:
+//! element; its gradient is not. [`TiledSolid`] turns F into distances:
 //!
-//! - **Fast** (rule Q of mathematics 7.1, the default). Every element near `x` measures by two
+//! - **Fast** (rule Q, the default). Every element near `x` measures by two
 //!   Newton steps *with its own field*, continued beyond its faces, how far the zero set is:
 //!   `s_e = |x - p2| / |F_e(x)|`. Then `d = F sum w_e s_e / sum w_e` with weights that fade within
 //!   one voxel of the shared faces: the positive scale is blended, so that d is continuous

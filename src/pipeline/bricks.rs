@@ -31,7 +31,7 @@ mod measure;
 mod plan;
 mod reach;
 
-pub use farm::{PlanOptions, brick_plan, make_bricks, merge_bricks};
+pub use farm::{brick_plan, make_bricks, merge_bricks};
 pub use plan::BrickPlan;
 
 use budget::{check_disk, directory_beside, edge_that_fits};

@@ -120,6 +120,18 @@ pub enum OutputKind {
     Report,
 }
 
+impl OutputKind {
+    /// The key that names its file.
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::Vdb => "vdb",
+            Self::Mesh => "mesh",
+            Self::Picture => "picture",
+            Self::Report => "report",
+        }
+    }
+}
+
 impl Output {
     /// The files that are named; a valid output names exactly one.
     pub fn named(&self) -> Vec<(OutputKind, &Path)> {

@@ -176,7 +176,7 @@ def refuse(address, folder):
         assert ask(address, path + "model", host=host)[0] == 403, host
     outside = folder.parent / "outside.obj"
     (folder / "link.obj").symlink_to(outside)
-    bad = ["../outside.obj", "/tmp/outside.obj", "sub/outside.obj", "..", ".hidden.obj", "", "link.obj", "a\\b.obj", "a\nb.obj"]
+    bad = ["../outside.obj", "/outside.obj", "sub/outside.obj", "..", ".hidden.obj", "", "link.obj", "a\\b.obj", "a\nb.obj"]
     for name in bad:
         status, said = ask(address, path + "save", name)
         assert status == 403, (name, status, said)

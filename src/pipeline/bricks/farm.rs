@@ -6,7 +6,7 @@ use super::super::stock::Stock;
 use super::super::{Clock, RunOptions, conclude, targets, threads};
 use super::{BrickPlan, Yard, estimate, gather, lay_out, layout};
 use crate::io::WriteError;
-use crate::progress::Progress;
+use crate::progress::{Progress, Threads};
 use crate::recipe::Recipe;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -16,9 +16,6 @@ const MEMORY: u64 = 2 << 30;
 /// Largest plan that is read, bytes.
 const LARGEST: u64 = 256 << 20;
 
-/// How a plan is made.
-pub type PlanOptions = RunOptions;
-
 /// Plans a run in bricks and writes the plan to a file.
 ///
 /// # Errors
@@ -26,7 +23,7 @@ pub type PlanOptions = RunOptions;
 pub fn brick_plan(
     recipe: &Recipe,
     path: &Path,
-    options: &PlanOptions,
+    options: &RunOptions,
     progress: &dyn Progress,
 ) -> Result<BrickPlan, RunError> {
     let threads = threads(options)?;
@@ -39,7 +36,7 @@ pub fn brick_plan(
     let file = recipe.source().path.clone().unwrap_or_default();
     plan.recipe = relative(&file, home);
     plan.out = options.out.as_deref().map(|out| relative(out, home));
-    let text = serde_json::to_string_pretty(&plan).unwrap_or_default();
+    let text = serde_json::to_string_pretty(&plan).map_err(|e| refused(path, e.to_string()))?;
     crate::io::atomic::write_bytes(path, format!("{text}\n").as_bytes())?;
     Ok(plan)
 }
@@ -70,14 +67,7 @@ pub fn make_bricks(
     }
     let threads = threads(options)?;
     let stock = Stock::load(&recipe, &threads, options, progress)?;
-    assert_same(path, &plan, &stock)?;
-    let yard = Yard {
-        stock: &stock,
-        plan,
-        directory: directory(path),
-        threads: &threads,
-        progress,
-    };
+    let yard = yard(path, plan, &stock, &threads, progress)?;
     std::fs::create_dir_all(&yard.directory).map_err(|e| WriteError::Create {
         path: yard.directory.clone(),
         reason: e.to_string(),
@@ -102,18 +92,11 @@ pub fn merge_bricks(
     let mut clock = Clock::new(progress);
     let threads = threads(options)?;
     let stock = Stock::load(&recipe, &threads, options, progress)?;
-    assert_same(path, &plan, &stock)?;
-    let planned = plan.out.as_ref().map(|out| home(path).join(out));
+    let yard = yard(path, plan, &stock, &threads, progress)?;
+    let planned = yard.plan.out.as_ref().map(|out| home(path).join(out));
     let out = options.out.clone().or(planned);
     let outputs = targets(&stock, out.as_deref())?;
     clock.lap("inputs")?;
-    let yard = Yard {
-        stock: &stock,
-        plan,
-        directory: directory(path),
-        threads: &threads,
-        progress,
-    };
     let mut parts = gather(&yard, Some(path), &outputs, &mut clock)?;
     if let Some(bricks) = &mut parts.bricks {
         bricks.found_whole = bricks.count;
@@ -163,15 +146,26 @@ fn read(path: &Path) -> Result<(BrickPlan, Recipe), RunError> {
     Ok((plan, recipe))
 }
 
-fn assert_same(path: &Path, plan: &BrickPlan, stock: &Stock) -> Result<(), RunError> {
+/// The bricks of a plan, if it is of what is here.
+fn yard<'a>(
+    path: &Path,
+    plan: BrickPlan,
+    stock: &'a Stock,
+    threads: &'a Threads,
+    progress: &'a dyn Progress,
+) -> Result<Yard<'a>, RunError> {
     let found = plan.differences(stock);
-    if found.is_empty() {
-        return Ok(());
+    if !found.is_empty() {
+        let message = format!("it is not of what is here: {}", found.join("; "));
+        return Err(refused(path, message));
     }
-    Err(refused(
-        path,
-        format!("it is not of what is here: {}", found.join("; ")),
-    ))
+    Ok(Yard {
+        stock,
+        plan,
+        directory: directory(path),
+        threads,
+        progress,
+    })
 }
 
 /// A path as seen from a directory; as it is where the two have nothing in common.

@@ -38,11 +38,12 @@ pub(super) fn outputs(sections: &Sections, source: &Source) -> Checked {
             .extension()
             .map(|e| e.to_string_lossy().to_lowercase())
             .unwrap_or_default();
-        let (word, known): (&str, &[&str]) = match kind {
-            OutputKind::Vdb => ("vdb", &["vdb", "nvdb"]),
-            OutputKind::Mesh => ("mesh", &["stl", "ply", "obj", "3mf"]),
-            OutputKind::Picture => ("picture", &["png"]),
-            OutputKind::Report => ("report", &["json"]),
+        let word = kind.word();
+        let known: &[&str] = match kind {
+            OutputKind::Vdb => &["vdb", "nvdb"],
+            OutputKind::Mesh => &["stl", "ply", "obj", "3mf"],
+            OutputKind::Picture => &["png"],
+            OutputKind::Report => &["json"],
         };
         if !known.contains(&extension.as_str()) {
             return Err(source.fault(
@@ -54,60 +55,38 @@ pub(super) fn outputs(sections: &Sections, source: &Source) -> Checked {
                 ),
             ));
         }
-        let wrong = [
-            ("fog", output.fog && kind != OutputKind::Vdb, "vdb"),
-            (
-                "lod",
-                output.lod.is_some() && kind != OutputKind::Vdb,
-                "vdb",
-            ),
-            (
-                "segments",
-                output.segments.is_some() && kind != OutputKind::Vdb,
-                "vdb",
-            ),
-            ("usda", output.usda && kind != OutputKind::Vdb, "vdb"),
-            ("half", output.half && kind != OutputKind::Vdb, "vdb"),
-            (
-                "compression",
-                output.compression.is_some() && kind != OutputKind::Vdb,
-                "vdb",
-            ),
-            (
-                "size",
-                output.size.is_some() && kind != OutputKind::Picture,
-                "picture",
-            ),
-            (
-                "cut",
-                output.cut.is_some() && kind != OutputKind::Picture,
-                "picture",
-            ),
+        let (vdb, mesh, picture) = (OutputKind::Vdb, OutputKind::Mesh, OutputKind::Picture);
+        // Keys, whether they are given, and the files that they are for.
+        let owned: [(&str, bool, &[OutputKind]); 15] = [
+            ("fog", output.fog, &[vdb]),
+            ("lod", output.lod.is_some(), &[vdb]),
+            ("segments", output.segments.is_some(), &[vdb]),
+            ("usda", output.usda, &[vdb]),
+            ("half", output.half, &[vdb]),
+            ("compression", output.compression.is_some(), &[vdb]),
+            ("size", output.size.is_some(), &[picture]),
+            ("cut", output.cut.is_some(), &[picture]),
+            ("unit", output.unit.is_some(), &[vdb, mesh]),
+            ("quads", output.quads, &[mesh]),
+            ("beams", output.beams, &[mesh]),
+            ("project", output.project, &[mesh]),
+            ("sharp", output.sharp, &[mesh]),
+            ("adaptivity", output.adaptivity.is_some(), &[mesh]),
+            ("decimate", output.decimate.is_some(), &[mesh]),
         ];
-        let with_unit = matches!(kind, OutputKind::Vdb | OutputKind::Mesh);
-        let wrong =
-            wrong
-                .into_iter()
-                .chain([("unit", output.unit.is_some() && !with_unit, "vdb or mesh")]);
-        let of_mesh = [
-            ("quads", output.quads),
-            ("beams", output.beams),
-            ("project", output.project),
-            ("sharp", output.sharp),
-            ("adaptivity", output.adaptivity.is_some()),
-            ("decimate", output.decimate.is_some()),
-        ];
-        let of_mesh =
-            of_mesh.map(|(word, given)| (word, given && kind != OutputKind::Mesh, "mesh"));
-        if let Some((word, _, owner)) = wrong.chain(of_mesh).find(|w| w.1) {
+        let wrong = owned
+            .into_iter()
+            .find(|(_, given, owners)| *given && !owners.contains(&kind));
+        if let Some((word, _, owners)) = wrong {
+            let owners: Vec<&str> = owners.iter().map(|o| o.word()).collect();
             return Err(source.fault(
                 &format!("{key}.{word}"),
-                format!("{word} belongs to an output with {owner}"),
+                format!("{word} belongs to an output with {}", owners.join(" or ")),
             ));
         }
         grids(sections, output, (kind, &extension), &key, source)?;
         if kind == OutputKind::Mesh {
-            mesh(sections, output, &extension, &key, source)?;
+            of_mesh(sections, output, &extension, &key, source)?;
         }
     }
     Ok(())
@@ -228,7 +207,7 @@ fn beams(
 }
 
 /// What a mesh may be.
-fn mesh(
+fn of_mesh(
     sections: &Sections,
     output: &Output,
     extension: &str,

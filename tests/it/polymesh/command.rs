@@ -182,7 +182,7 @@ fn the_page_serves_who_knows_its_address_and_writes_beside_the_script() {
     assert!(post("save", "made.crystal").0.contains("200"));
     let made = std::fs::read_to_string(folder.join("made.crystal")).unwrap();
     assert_eq!(made, format!("{STAR}remesh simplest\n"));
-    for name in ["../out.obj", "/tmp/out.obj", "sub/out.obj", "", ".."] {
+    for name in ["../out.obj", "/out.obj", "sub/out.obj", "", ".."] {
         assert!(post("save", name).0.contains("403"), "{name}");
     }
     assert!(post("step", "save ../out.obj").0.contains("422"));
