@@ -119,7 +119,7 @@ fn block(
             batch.push(samples.origins[n], mask, &values);
         }
         if !batch.is_empty() {
-            sink.block(origin, batch)?;
+            sink.block(origin, &batch)?;
         }
     }
     sink.inside(&inside);

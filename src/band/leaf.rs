@@ -44,6 +44,13 @@ impl LeafBatch {
         self.origins.is_empty()
     }
 
+    /// Takes all leaves away; the memory stays.
+    pub fn clear(&mut self) {
+        self.origins.clear();
+        self.masks.clear();
+        self.values.clear();
+    }
+
     /// Appends a leaf; keep the order of origins.
     pub fn push(&mut self, origin: Coord, mask: [u64; 8], values: &[f32; VOXELS]) {
         self.origins.push(origin);
@@ -81,13 +88,14 @@ impl SinkError {
 
 /// Where leaves go: a tree, a file, a hash, statistics.
 pub trait LeafSink: Send + Sync {
-    /// Takes leaves of the block that starts at `origin`, from any thread. Blocks come in no
+    /// Takes leaves of the block that starts at `origin`, from any thread; they are lent, since their
+    /// memory serves the next batch. Blocks come in no
     /// particular order; a block with many leaves comes in several batches, one after the other,
     /// ascending; a block without leaves does not come.
     ///
     /// # Errors
     /// Whatever ends the evaluation.
-    fn block(&self, origin: Coord, leaves: LeafBatch) -> Result<(), SinkError>;
+    fn block(&self, origin: Coord, leaves: &LeafBatch) -> Result<(), SinkError>;
 
     /// Takes cubes (least voxel, edge) that lie inside and hold no active voxel; whatever is told of
     /// neither here nor in a leaf lies outside. Of use where a part of a band is evaluated, whose signs

@@ -142,7 +142,7 @@ impl<W: Write + Send> LeafFileWriter<W> {
 }
 
 impl<W: Write + Send> LeafSink for LeafFileWriter<W> {
-    fn block(&self, origin: Coord, leaves: LeafBatch) -> Result<(), SinkError> {
+    fn block(&self, origin: Coord, leaves: &LeafBatch) -> Result<(), SinkError> {
         let mut bytes = Vec::with_capacity(leaves.len() * LARGEST_LEAF / 2);
         for ((leaf, mask), values) in leaves.origins.iter().zip(&leaves.masks).zip(&leaves.values) {
             let [x, y, z] = [0, 1, 2].map(|a| ((leaf[a] - origin[a]) / LEAF) as u16);

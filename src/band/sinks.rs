@@ -28,7 +28,7 @@ impl Statistics {
 }
 
 impl LeafSink for Statistics {
-    fn block(&self, _: Coord, leaves: LeafBatch) -> Result<(), SinkError> {
+    fn block(&self, _: Coord, leaves: &LeafBatch) -> Result<(), SinkError> {
         let mut t = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         t.batches += 1;
         t.leaves += leaves.len() as u64;
@@ -52,7 +52,7 @@ impl LeafMap {
 }
 
 impl LeafSink for LeafMap {
-    fn block(&self, _: Coord, leaves: LeafBatch) -> Result<(), SinkError> {
+    fn block(&self, _: Coord, leaves: &LeafBatch) -> Result<(), SinkError> {
         let mut map = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         for n in 0..leaves.len() {
             map.insert(leaves.origins[n], (leaves.masks[n], leaves.values[n]));

@@ -150,12 +150,13 @@ fn crop(
             let batch = blocks.entry(block).or_default();
             batch.push(origin, leaf.mask, leaf.values);
             if batch.len() == BATCH {
-                sink.block(block, std::mem::take(batch)).map_err(failed)?;
+                sink.block(block, batch).map_err(failed)?;
+                batch.clear();
             }
         }
     }
     for (block, batch) in blocks.into_iter().filter(|(_, b)| !b.is_empty()) {
-        sink.block(block, batch).map_err(failed)?;
+        sink.block(block, &batch).map_err(failed)?;
     }
     Ok(())
 }

@@ -185,10 +185,10 @@ impl LeafSink for LevelSetBuilder {
         }
     }
 
-    fn block(&self, origin: Coord, leaves: LeafBatch) -> Result<(), SinkError> {
-        self.validate(&leaves).map_err(SinkError::new)?;
+    fn block(&self, origin: Coord, leaves: &LeafBatch) -> Result<(), SinkError> {
+        self.validate(leaves).map_err(SinkError::new)?;
         if self.first == Coord([0; 3]) {
-            return self.put(origin, &leaves);
+            return self.put(origin, leaves);
         }
         let mut parts: BTreeMap<Coord, LeafBatch> = BTreeMap::new();
         for (n, &origin) in leaves.origins.iter().enumerate() {

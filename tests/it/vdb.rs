@@ -164,7 +164,7 @@ fn leaves_come_back_as_they_went_in() {
     }
     let mut batch = LeafBatch::default();
     batch.push(origin, mask, &values);
-    builder.block(Coord::new(-128, 0, 0), batch).unwrap();
+    builder.block(Coord::new(-128, 0, 0), &batch).unwrap();
     let s = builder.finish(session()).unwrap();
 
     let leaves = s.leaves().unwrap();
@@ -216,23 +216,23 @@ fn bad_leaves_are_errors() {
     };
     let block = Coord::new(0, 0, 0);
     for value in [f32::NAN, f32::INFINITY, 3.1] {
-        let error = builder.block(block, leaf(block, value)).unwrap_err();
+        let error = builder.block(block, &leaf(block, value)).unwrap_err();
         assert!(
             error.to_string().contains("voxel [0, 0, 0] holds"),
             "{error}"
         );
     }
     for origin in [Coord::new(128, 0, 0), Coord::new(3, 0, 0)] {
-        let error = builder.block(block, leaf(origin, 1.0)).unwrap_err();
+        let error = builder.block(block, &leaf(origin, 1.0)).unwrap_err();
         assert!(
             error.to_string().contains("is no leaf of its block"),
             "{error}"
         );
     }
-    let error = builder.block(Coord::new(8, 0, 0), leaf(block, 1.0));
+    let error = builder.block(Coord::new(8, 0, 0), &leaf(block, 1.0));
     assert!(error.unwrap_err().to_string().contains("multiple of 128"));
-    builder.block(block, leaf(block, 1.0)).unwrap();
-    let twice = builder.block(block, leaf(block, 1.0)).unwrap_err();
+    builder.block(block, &leaf(block, 1.0)).unwrap();
+    let twice = builder.block(block, &leaf(block, 1.0)).unwrap_err();
     assert!(twice.to_string().contains("given twice"), "{twice}");
     for half_width in [f64::NAN, 0.0, -3.0, f64::INFINITY] {
         assert!(LevelSetBuilder::new(transform, half_width).is_err());
@@ -323,7 +323,7 @@ fn check_tells_torn_from_whole() {
         if leaf.origin[0] >= 0 {
             let mut batch = LeafBatch::default();
             batch.push(leaf.origin, leaf.mask, leaf.values);
-            builder.block(leaf.origin.aligned(128), batch).unwrap();
+            builder.block(leaf.origin.aligned(128), &batch).unwrap();
         }
     })
     .unwrap();
@@ -335,7 +335,7 @@ fn check_tells_torn_from_whole() {
     s.for_each_leaf(|leaf| {
         let mut batch = LeafBatch::default();
         batch.push(leaf.origin, leaf.mask, &leaf.values.map(|v| -v));
-        builder.block(leaf.origin.aligned(128), batch).unwrap();
+        builder.block(leaf.origin.aligned(128), &batch).unwrap();
     })
     .unwrap();
     let turned = builder.finish(session()).unwrap();

@@ -73,7 +73,7 @@ fn triangles(yard: &Yard, store: &LeafStore, brick: usize) -> Result<TriMesh, Ru
             Ok(e) => failed(*e),
             Err(other) => RunError::band("mesh")(SinkError::new(other).into()),
         };
-        builder.block(block, leaves).map_err(refused)?;
+        builder.block(block, &leaves).map_err(refused)?;
     }
     builder.inside(&store.inside(grown));
     let solid = builder.finish(bench.session()).map_err(&failed)?;

@@ -135,7 +135,7 @@ fn rounding_is_no_piece() {
             }
             let mut batch = LeafBatch::default();
             batch.push(leaf.origin, mask, &values);
-            builder.block(leaf.origin.aligned(128), batch).unwrap();
+            builder.block(leaf.origin.aligned(128), &batch).unwrap();
         })
         .unwrap();
     let mut s = builder.finish(session()).unwrap();

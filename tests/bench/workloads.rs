@@ -1,0 +1,112 @@
+//! The speed of Druse beside its limits: `cargo bench --bench workloads`.
+//!
+//! Every figure is measured side by side with its baseline in this process: rounds in turn, processor
+//! time, median of the ratios. `-- P1 P13` measures some, `-- --json` prints one object by figure,
+//! `-- --full` takes the sizes of the README's table instead of those that suit a quick check.
+//!
+//! | workload | what |
+//! |---|---|
+//! | W1 | gyroid in a box, cells of 40 voxels: 200^3 voxels, in full 400^3 |
+//! | W1s | one gyroid cell in a box: 100^3 and 200^3 voxels, in full 200^3 and 400^3 |
+//! | W2 | a strut cell in the tets of an ellipsoid |
+//! | W3 | two cells blended over a block of hexes |
+//!
+//! Baselines: a scalar f64 callback per voxel, the way of programs that take the user's function; the
+//! same in f32 by leaves; dense arrays from 1-D tables, as a good numpy program has them; writing the
+//! bytes of the leaves; fused multiplications.
+
+mod workloads {
+    pub mod baselines;
+    pub mod child;
+    pub mod clock;
+    pub mod figure;
+    pub mod reader;
+    pub mod w1;
+}
+use workloads::figure::{FIGURES, Found, asks_for, object, table};
+use workloads::{child, w1};
+
+/// What the command line asks for.
+pub struct Setting {
+    /// Sizes of the README's table.
+    pub full: bool,
+    /// A build of this bench for this machine's processor.
+    pub native: Option<std::path::PathBuf>,
+}
+
+/// What a subject found.
+type Measured = Result<Vec<Found>, Box<dyn std::error::Error>>;
+
+/// Figures that are measured together.
+struct Subject {
+    keys: &'static [&'static str],
+    measure: fn(&Setting) -> Measured,
+}
+
+const SUBJECTS: &[Subject] = &[
+    Subject {
+        keys: &["P1", "P2", "P3", "P4"],
+        measure: w1::against_baselines,
+    },
+    #[cfg(feature = "vdb")]
+    Subject {
+        keys: &["P1.bridge"],
+        measure: w1::through_the_bridge,
+    },
+    Subject {
+        keys: &["P5"],
+        measure: w1::first_pass,
+    },
+    Subject {
+        keys: &["P9", "P9.padding", "P10", "P10.evaluated"],
+        measure: w1::growth,
+    },
+    Subject {
+        keys: &["P17.w1"],
+        measure: w1::threads,
+    },
+    Subject {
+        keys: &["P18", "P18.native"],
+        measure: w1::builds,
+    },
+];
+
+fn main() -> Result<(), Box<dyn std::error::Error>> {
+    let mut arguments = std::env::args().skip(1);
+    let mut setting = Setting {
+        full: false,
+        native: None,
+    };
+    let (mut json, mut names) = (false, Vec::new());
+    while let Some(argument) = arguments.next() {
+        match argument.as_str() {
+            // Cargo's own.
+            "--bench" => {}
+            "--json" => json = true,
+            "--full" => setting.full = true,
+            "--native" => setting.native = arguments.next().map(Into::into),
+            "--child" => return child::run(arguments),
+            name => names.push(name.to_owned()),
+        }
+    }
+    let is_wanted = |key: &str| names.is_empty() || names.iter().any(|n| asks_for(n, key));
+    if let Some(name) = names
+        .iter()
+        .find(|n| !FIGURES.iter().any(|f| asks_for(n, f.key)))
+    {
+        return Err(format!("{name}: no such figure; P1 to P18, P13.mean, ...").into());
+    }
+    let mut found = Vec::new();
+    for subject in SUBJECTS {
+        if subject.keys.iter().any(|key| is_wanted(key)) {
+            found.extend((subject.measure)(&setting)?);
+        }
+    }
+    found.retain(|f| is_wanted(f.key()));
+    if json {
+        println!("{:#}", object(&found));
+    } else {
+        print!("{}", table(&found));
+    }
+    Ok(())
+}

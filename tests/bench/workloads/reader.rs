@@ -1,0 +1,54 @@
+//! A sink that reads every value of every leaf.
+
+use druse::band::{LeafBatch, LeafSink, SinkError};
+use druse::frame::Coord;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+/// Sums of what came, the same in whatever order it comes.
+#[derive(Default)]
+pub struct Reader {
+    sum: AtomicU64,
+    leaves: AtomicU64,
+}
+
+/// A number that depends on a leaf's place, its mask and all its values.
+pub fn sum_of(origin: Coord, mask: &[u64; 8], values: &[f32; 512]) -> u64 {
+    let mut lanes = [0u32; 64];
+    for row in values.chunks_exact(64) {
+        for (lane, v) in lanes.iter_mut().zip(row) {
+            *lane = lane.rotate_left(1).wrapping_add(v.to_bits());
+        }
+    }
+    let place = origin.0.iter().fold(0u64, |p, &c| {
+        p.wrapping_mul(0x9e37_79b9).wrapping_add(c as u32 as u64)
+    });
+    let values = lanes.iter().enumerate().fold(0u64, |s, (n, &l)| {
+        s.wrapping_add(u64::from(l) << (n as u32 & 31))
+    });
+    mask.iter()
+        .fold(place ^ values, |s, &w| s.rotate_left(5).wrapping_add(w))
+}
+
+impl Reader {
+    /// The sum over all leaves, and their number.
+    pub fn totals(&self) -> (u64, u64) {
+        let load = |a: &AtomicU64| a.load(Ordering::Relaxed);
+        (load(&self.sum), load(&self.leaves))
+    }
+
+    /// Takes a leaf.
+    pub fn enter(&self, origin: Coord, mask: &[u64; 8], values: &[f32; 512]) {
+        self.sum
+            .fetch_add(sum_of(origin, mask, values), Ordering::Relaxed);
+        self.leaves.fetch_add(1, Ordering::Relaxed);
+    }
+}
+
+impl LeafSink for Reader {
+    fn block(&self, _: Coord, leaves: &LeafBatch) -> Result<(), SinkError> {
+        for n in 0..leaves.len() {
+            self.enter(leaves.origins[n], &leaves.masks[n], &leaves.values[n]);
+        }
+        Ok(())
+    }
+}

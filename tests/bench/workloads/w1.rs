@@ -1,0 +1,291 @@
+//! W1: a gyroid in a box, and W1s: one of its cells, large.
+
+use super::baselines::{self, Box};
+use super::child;
+use super::clock::{Spread, in_turn, is_loaded, wall_seconds};
+use super::figure::Found;
+use super::reader::Reader;
+use crate::Setting;
+use druse::band::{Band, BandStats, LeafSink};
+use druse::cell::{Surface, Table};
+use druse::field::Field;
+use druse::frame::{Aabb, Element, Transform, Vec3};
+use druse::progress::{Silent, Threads};
+use druse::scaffold::{Kind, Scaffold};
+use druse::tiling::{Boundary, Distance, TiledSolid, TilingOptions};
+use std::hint::black_box;
+
+type Fault = std::boxed::Box<dyn std::error::Error>;
+
+const ROUNDS: usize = 5;
+
+/// A box of gyroid cells with edges of 1, as the pipeline samples it.
+pub struct Gyroid {
+    at: Box,
+    scaffold: Scaffold,
+    table: Table,
+}
+
+impl Gyroid {
+    pub fn new(at: Box) -> Result<Self, Fault> {
+        let size = Vec3::repeat(at.cells as f64);
+        Ok(Self {
+            at,
+            scaffold: Scaffold::box_grid(size, [at.cells; 3], Kind::Hex8)?,
+            table: Table::new(&Surface::Gyroid.cell(Element::Hex)?)?,
+        })
+    }
+
+    fn voxel_size(&self) -> f64 {
+        1.0 / self.at.voxels as f64
+    }
+
+    pub fn tiled(&self) -> Result<TiledSolid<'_>, Fault> {
+        let h = self.voxel_size();
+        let options = TilingOptions {
+            voxel_size: h,
+            half_width: 3.0 * h,
+            distance: Distance::Fast,
+            boundary: Boundary::Cut,
+        };
+        Ok(TiledSolid::new(&self.scaffold, &self.table, options)?)
+    }
+
+    /// Samples the band over a box that is larger by `padding` world units.
+    fn sample(
+        &self,
+        field: &TiledSolid<'_>,
+        padding: f64,
+        threads: &Threads,
+        sink: &dyn LeafSink,
+    ) -> Result<BandStats, Fault> {
+        let band = Band {
+            field: field as &dyn Field<Point = _>,
+            transform: Transform::new(self.voxel_size()).ok_or("no voxel size")?,
+            half_width: 3.0,
+            extent: Aabb {
+                min: Vec3::zeros(),
+                max: Vec3::repeat(self.at.cells as f64 + padding),
+            },
+        };
+        Ok(band.evaluate(threads, &Silent, sink)?)
+    }
+}
+
+/// Workload W1 on one thread.
+pub struct W1 {
+    gyroid: &'static Gyroid,
+    field: TiledSolid<'static>,
+    one: Threads,
+}
+
+impl W1 {
+    /// In full 10^3 cells, else 5^3.
+    pub fn new(full: bool) -> Result<Self, Fault> {
+        let at = Box {
+            cells: if full { 10 } else { 5 },
+            voxels: 40,
+        };
+        let gyroid: &'static Gyroid = std::boxed::Box::leak(std::boxed::Box::new(Gyroid::new(at)?));
+        Ok(Self {
+            gyroid,
+            field: gyroid.tiled()?,
+            one: Threads::new(1)?,
+        })
+    }
+
+    fn to(&self, sink: &dyn LeafSink, threads: &Threads) -> BandStats {
+        self.gyroid
+            .sample(&self.field, 0.0, threads, sink)
+            .expect("the field is finite and the sinks take all")
+    }
+
+    /// One pass, every value read.
+    pub fn read(&self) {
+        let reader = Reader::default();
+        self.to(&reader, &self.one);
+        black_box(reader.totals());
+    }
+}
+
+/// P1 to P4.
+pub fn against_baselines(setting: &Setting) -> Result<Vec<Found>, Fault> {
+    let w1 = W1::new(setting.full)?;
+    let at = w1.gyroid.at;
+    let stats = w1.to(&Reader::default(), &w1.one);
+    let voxels = at.edge().pow(3) as f64;
+    // A buffer beyond all caches; only the part that the leaves would fill is counted.
+    let mut bytes = vec![0u8; 1 << 28];
+    let share = (stats.leaves_kept * 2048) as f64 / bytes.len() as f64;
+    let seconds = in_turn(
+        ROUNDS,
+        &mut [
+            &mut || w1.read(),
+            &mut || baselines::callback_f64(at, &Reader::default()),
+            &mut || baselines::leafwise_f32(at, &Reader::default()),
+            &mut || drop(black_box(baselines::dense_tables(at))),
+            &mut || baselines::write(&mut bytes),
+        ],
+    );
+    let [ours, callback, leafwise, tables, writing] = &seconds[..] else {
+        return Ok(Vec::new());
+    };
+    let writing: Vec<f64> = writing.iter().map(|s| s * share).collect();
+    let note = |of: &[f64], ratios: Spread| {
+        let each = |s: &[f64]| Spread::of(s).median * 1e9 / voxels;
+        format!("{ratios}; {:.2} and {:.2} ns a voxel", each(ours), each(of))
+    };
+    let mut found = Vec::new();
+    for (key, other) in [("P1", callback), ("P2", leafwise), ("P3", tables)] {
+        let ratios = Spread::of_ratios(other, ours);
+        found.push(Found::new(key, ratios.median, note(other, ratios)));
+    }
+    let ratios = Spread::of_ratios(ours, &writing);
+    let peak = baselines::fused_per_nanosecond();
+    let note = format!("{}; {peak:.0} GFMA/s", note(&writing, ratios));
+    found.push(Found::new("P4", ratios.median, note));
+    Ok(found)
+}
+
+/// P1.bridge: both into a flood-filled level set; and that the reader of P1 saw what arrives there.
+#[cfg(feature = "vdb")]
+pub fn through_the_bridge(setting: &Setting) -> Result<Vec<Found>, Fault> {
+    use druse::vdb::{LevelSet, LevelSetBuilder, Session};
+    let w1 = W1::new(setting.full)?;
+    let h = w1.gyroid.voxel_size();
+    let session = Session::new(&w1.one, &Silent);
+    let built = |fill: &dyn Fn(&LevelSetBuilder) -> Result<(), Fault>| -> Result<LevelSet, Fault> {
+        let transform = Transform::new(h).ok_or("no voxel size")?;
+        let builder = LevelSetBuilder::new(transform, 3.0)?;
+        fill(&builder)?;
+        Ok(builder.finish(session)?)
+    };
+    let ours = || {
+        built(&|builder| {
+            w1.to(builder, &w1.one);
+            Ok(())
+        })
+    };
+    let theirs = || {
+        built(&|builder| {
+            baselines::callback_to_sink(w1.gyroid.at, h as f32, builder)?;
+            Ok(())
+        })
+    };
+    let reader = Reader::default();
+    w1.to(&reader, &w1.one);
+    let level_set = ours()?;
+    let arrived = Reader::default();
+    for leaf in level_set
+        .leaves()?
+        .iter()
+        .filter(druse::vdb::LeafView::any_active)
+    {
+        arrived.enter(leaf.origin, &leaf.mask, leaf.values);
+    }
+    if arrived.totals() != reader.totals() {
+        return Err("the level set holds other leaves than the reader saw".into());
+    }
+    theirs()?;
+    let seconds = in_turn(
+        ROUNDS,
+        &mut [&mut || drop(black_box(ours())), &mut || {
+            drop(black_box(theirs()));
+        }],
+    );
+    let ratios = Spread::of_ratios(&seconds[1], &seconds[0]);
+    Ok(vec![Found::new(
+        "P1.bridge",
+        ratios.median,
+        format!("{ratios}; the same leaves as the reader's"),
+    )])
+}
+
+/// P5, in a fresh process.
+pub fn first_pass(setting: &Setting) -> Result<Vec<Found>, Fault> {
+    let program = std::env::current_exe()?;
+    let mut ratios = Vec::new();
+    for _ in 0..ROUNDS {
+        let passes = child::w1(&program, setting.full)?;
+        ratios.push(passes.first / passes.later);
+    }
+    let ratios = Spread::of(&ratios);
+    Ok(vec![Found::new("P5", ratios.median, ratios.to_string())])
+}
+
+/// P9 and P10: one cell, coarse and fine, and in a larger box.
+pub fn growth(setting: &Setting) -> Result<Vec<Found>, Fault> {
+    let coarse = if setting.full { 200 } else { 100 };
+    let cells = [coarse, 2 * coarse].map(|voxels| Gyroid::new(Box { cells: 1, voxels }));
+    let [coarse, fine] = cells;
+    let (coarse, fine) = (coarse?, fine?);
+    let (coarse_field, fine_field) = (coarse.tiled()?, fine.tiled()?);
+    let one = Threads::new(1)?;
+    let read = |gyroid: &Gyroid, field: &TiledSolid<'_>, padding: f64| {
+        let reader = Reader::default();
+        let stats = gyroid.sample(field, padding, &one, &reader);
+        (stats, reader.totals())
+    };
+    let stats = read(&fine, &fine_field, 0.0).0?;
+    let seconds = in_turn(
+        2 * ROUNDS,
+        &mut [
+            &mut || drop(black_box(read(&coarse, &coarse_field, 0.0))),
+            &mut || drop(black_box(read(&fine, &fine_field, 0.0))),
+            &mut || drop(black_box(read(&fine, &fine_field, 1.0))),
+        ],
+    );
+    let growth = Spread::of_ratios(&seconds[1], &seconds[0]);
+    let padding = Spread::of_ratios(&seconds[2], &seconds[1]);
+    let touched = stats.leaves_touched as f64 / stats.leaves_kept as f64;
+    let evaluated = stats.voxels_evaluated as f64 / stats.active_voxels as f64;
+    let voxels = format!("{} voxels per cell", fine.at.voxels);
+    Ok(vec![
+        Found::new("P9", growth.median, growth.to_string()),
+        Found::new("P9.padding", padding.median, padding.to_string()),
+        Found::new("P10", touched, voxels.clone()),
+        Found::new("P10.evaluated", evaluated, voxels),
+    ])
+}
+
+/// P17.w1.
+pub fn threads(setting: &Setting) -> Result<Vec<Found>, Fault> {
+    let key = "P17.w1";
+    if is_loaded() {
+        return Ok(vec![Found::skipped(key, "skipped: loaded")]);
+    }
+    let w1 = W1::new(setting.full)?;
+    let two = Threads::new(2)?;
+    let mut ratios = Vec::new();
+    for _ in 0..=ROUNDS {
+        let [one, two] = [&w1.one, &two].map(|threads| {
+            wall_seconds(|| {
+                w1.to(&Reader::default(), threads);
+            })
+        });
+        ratios.push(one / two);
+    }
+    let ratios = Spread::of(&ratios);
+    Ok(vec![Found::new(key, ratios.median, ratios.to_string())])
+}
+
+/// P18: other builds and other ways through this one.
+pub fn builds(setting: &Setting) -> Result<Vec<Found>, Fault> {
+    let Some(native) = &setting.native else {
+        let why = "needs --native PATH: this bench built with RUSTFLAGS=-Ctarget-cpu=native";
+        return Ok(vec![Found::skipped("P18.native", why)]);
+    };
+    let own = std::env::current_exe()?;
+    let mut ratios = Vec::new();
+    for _ in 0..ROUNDS {
+        let passes = [&own, native].map(|program| child::w1(program, setting.full));
+        let [own, native] = passes;
+        ratios.push(own?.later / native?.later);
+    }
+    let ratios = Spread::of(&ratios);
+    Ok(vec![Found::new(
+        "P18.native",
+        ratios.median,
+        ratios.to_string(),
+    )])
+}
