@@ -205,6 +205,19 @@ pub(super) fn facts(cell: &Cell) -> serde_json::Value {
     facts
 }
 
+/// What a report says of a name's cells, one for each shape of element: the first's facts and, in a mixed
+/// scaffold, those of each shape under `elements`.
+pub(super) fn facts_by_element(cells: &[Cell]) -> serde_json::Value {
+    let mut all = facts(&cells[0]);
+    if cells.len() > 1 {
+        all["elements"] = cells
+            .iter()
+            .map(|cell| (cell.element().name().to_owned(), facts(cell)))
+            .collect();
+    }
+    all
+}
+
 /// One element of a cell as a level set with voxels of edge `voxel_size` in reference lengths: what a
 /// picture of it shows.
 ///

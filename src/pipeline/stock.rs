@@ -301,7 +301,7 @@ impl<'a> Stock<'a> {
                 .tiling
                 .iter()
                 .flat_map(|t| &t.palette)
-                .map(|e| (e.name.clone(), super::cells::facts(&e.cells[0])))
+                .map(|e| (e.name.clone(), super::cells::facts_by_element(&e.cells)))
                 .collect(),
             warnings: self.inputs.warnings.clone(),
             ..Report::default()

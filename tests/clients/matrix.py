@@ -1,9 +1,10 @@
 """Who reads what Druse writes: one row a client and format, as a table on stdout.
 
-    /usr/bin/python3 matrix.py DRUSE PART.vdb REPORT.json WORK [PYTHON_WITH_PYVISTA]
+    /usr/bin/python3 matrix.py DRUSE PART.vdb REPORT.json WORK [PYTHON]
 
 PART.vdb and REPORT.json are outputs of one run. Every mesh format is made from the .vdb by `druse mesh`. Exits with 1
-when a client that is installed fails; clients that are missing are named, with their Debian package.
+when a client that is installed fails; clients that are missing are named, with their package. PYTHON is one that
+has pyvista and usd-core.
 """
 
 import json
@@ -66,6 +67,9 @@ def main():
         "--python-exit-code", "3", "--python", os.path.join(HERE, "grids_blender.py"), "--",
         os.path.abspath(at("shaded.vdb")), "surface", "density", "cell_id", "element_id", "weight_b", "thickness", "uvw",
         "fold")
+    if viewer:
+        row("USD's library", ".usda", "PyPI usd-core", viewer, os.path.join(HERE, "usda_pxr.py"), at("shaded.usda"),
+            expect="8 fields")
     row("nanovdb_validate", ".nvdb", "libnanovdb-tools", "nanovdb_validate", at("shaded.nvdb"))
     row("nanovdb_print", ".nvdb", "libnanovdb-tools", "nanovdb_print", at("shaded.nvdb"), expect="uvw")
     # Built beside Druse: it links a Blosc of its own.

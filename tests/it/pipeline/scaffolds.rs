@@ -429,3 +429,32 @@ fn a_cell_in_pieces_is_told_with_the_one_that_is_not() {
         "{first}"
     );
 }
+
+/// A hex with a wedge on one of its faces.
+const HEX_AND_WEDGE: &str = "# vtk DataFile Version 3.0\nmixed\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS 10 double\n\
+    0 0 0 1 0 0 1 1 0 0 1 0 0 0 1 1 0 1 1 1 1 0 1 1 -1 0.5 0 -1 0.5 1\nCELLS 2 16\n\
+    8 0 1 2 3 4 5 6 7\n6 0 3 8 4 7 9\nCELL_TYPES 2\n12\n13\n";
+
+#[test]
+fn a_mixed_scaffold_is_filled_without_a_seam_and_tells_of_every_shape() {
+    let place = tempfile::tempdir().unwrap();
+    let mesh = place.path().join("mixed.vtk");
+    std::fs::write(&mesh, HEX_AND_WEDGE).unwrap();
+    let found = report(&format!(
+        "druse = 1\n[cell.c]\ngraph = \"edges\"\nradius = 0.2\nband_limit = 3\n[scaffold]\nfile = {mesh:?}\n\
+         [tiling]\ncell = \"c\"\ncertificate = true\n[band]\nvoxel_size = 0.08\n"
+    ));
+    assert_eq!(found.solid.components, 1);
+    let continuity = found.continuity.unwrap();
+    assert!(continuity.value_jump_max < 1e-5 && continuity.faces[0].crossings > 0);
+    let cell = &found.cells["c"];
+    for shape in ["hex", "wedge"] {
+        let facts = &cell["elements"][shape];
+        assert_eq!(facts["element"], shape);
+        let share = facts["volume_fraction"].as_f64().unwrap();
+        assert!(share > 0.05 && share < 0.8, "{shape}: {share}");
+    }
+    assert_eq!(cell["element"], "hex");
+    let alone = report(&with(BLOCK, "cell = \"thin\"", 0.2));
+    assert!(alone.cells["thin"].get("elements").is_none());
+}
