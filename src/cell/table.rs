@@ -21,6 +21,7 @@ use crate::field::{Field, Interval};
 use crate::frame::{CellBox, CellPoint, Element, Vec3};
 
 mod build;
+mod lanes;
 mod leaf;
 mod pyramid;
 mod spline;
@@ -137,9 +138,12 @@ impl Table {
     }
 
     fn build(cell: &Cell, form: Form, leaves: Vec<(Spectrum, Grid)>) -> Self {
-        let mut leaves: Vec<Leaf> = leaves.into_iter().map(|(s, g)| Leaf::new(s, g)).collect();
         let whole = cell.fits_any_numbering();
         let element = cell.element();
+        let mut leaves: Vec<Leaf> = leaves
+            .into_iter()
+            .map(|(s, g)| Leaf::new(s, g, element, whole))
+            .collect();
         let mut each = leaves.iter();
         let [error_bound, gradient_error_bound, _] =
             form.error_by(&mut |_| each.next().map_or([f64::INFINITY; 3], Leaf::errors));
@@ -147,7 +151,7 @@ impl Table {
         let around = element.cell_box();
         let (_, gradient_sup) = form.range_by(&mut |_| {
             each.next().map_or((Interval::ALL, f64::INFINITY), |leaf| {
-                (leaf.range(&around).0, leaf.sup_over(element, whole))
+                (leaf.range(&around).0, leaf.sup())
             })
         });
         let function = if leaves.len() == 1 && leaves[0].is_plain() && form.nodes() == 1 {
@@ -257,15 +261,60 @@ impl Table {
     #[inline]
     fn raw(&self, p: CellPoint<3>) -> f32 {
         match &self.function {
-            Function::Plain(leaf) => leaf.spline.value(p.0.into()),
+            Function::Plain(leaf) => leaf.spline.value(p),
             Function::Tree(form, leaves) => tree_value(form, leaves, p.0),
         }
     }
 
-    /// Values at points, into `out` of the same length.
+    /// Values at points, into `out` of the same length: the bits of [`Field::value`].
     pub fn values(&self, points: &[CellPoint<3>], out: &mut [f32]) {
-        for (v, &p) in out.iter_mut().zip(points) {
-            *v = self.solid_value(self.raw(p));
+        match &self.function {
+            Function::Plain(leaf) => {
+                leaf.spline.values(points, out);
+                for v in out {
+                    *v = self.solid_value(*v);
+                }
+            }
+            Function::Tree(..) => {
+                for (v, &p) in out.iter_mut().zip(points) {
+                    *v = self.solid_value(self.raw(p));
+                }
+            }
+        }
+    }
+
+    /// Values and gradients (value, by x, by y, by z) at points, into `out` of the same length: the
+    /// bits of [`Table::sample`].
+    pub fn values_and_gradients(&self, points: &[CellPoint<3>], out: &mut [[f32; 4]]) {
+        match &self.function {
+            Function::Plain(leaf) => {
+                leaf.spline.samples(points, out);
+                for s in out {
+                    let slope = self.solid_slope(s[0]);
+                    *s = [
+                        self.solid_value(s[0]),
+                        s[1] * slope,
+                        s[2] * slope,
+                        s[3] * slope,
+                    ];
+                }
+            }
+            Function::Tree(..) => {
+                for (s, &p) in out.iter_mut().zip(points) {
+                    let (v, [x, y, z]) = self.sample(p);
+                    *s = [v, x, y, z];
+                }
+            }
+        }
+    }
+
+    /// Derivative of the solid's value by the interpolant.
+    #[inline]
+    fn solid_slope(&self, raw: f32) -> f32 {
+        match self.solid {
+            Solid::Below | Solid::Above => self.sign,
+            Solid::Sheet => 1f32.copysign(raw),
+            Solid::Channels => -1f32.copysign(raw),
         }
     }
 
@@ -273,14 +322,10 @@ impl Table {
     #[inline]
     pub fn sample(&self, p: CellPoint<3>) -> (f32, [f32; 3]) {
         let (raw, g) = match &self.function {
-            Function::Plain(leaf) => leaf.spline.value_and_gradient(p.0.into()),
+            Function::Plain(leaf) => leaf.spline.value_and_gradient(p),
             Function::Tree(form, leaves) => tree_slope(form, leaves, p.0),
         };
-        let slope = match self.solid {
-            Solid::Below | Solid::Above => self.sign,
-            Solid::Sheet => 1f32.copysign(raw),
-            Solid::Channels => -1f32.copysign(raw),
-        };
+        let slope = self.solid_slope(raw);
         (self.solid_value(raw), g.map(|c| c * slope))
     }
 }

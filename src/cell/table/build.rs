@@ -4,7 +4,7 @@ use super::super::form::Node;
 use super::super::icosahedral::Products;
 use super::super::pairing::embedded;
 use super::super::{CellError, Series};
-use super::spline::Grid;
+use super::spline::{Fold, Grid};
 use super::window;
 use crate::frame::Mat3;
 use rayon::prelude::*;
@@ -29,6 +29,8 @@ pub(super) struct Spectrum {
     pub turns: Vec<Mat3>,
     /// Whether nothing changes along z.
     pub planar: bool,
+    /// Symmetries that keep the axes.
+    pub fold: Fold,
     /// In the place of terms: a function without a period, sampled over a box.
     sampled: Option<Arc<Products>>,
 }
@@ -64,6 +66,10 @@ impl Spectrum {
             class: [0; 3],
             turns: vec![Mat3::identity()],
             planar: false,
+            fold: Fold {
+                mirrored: [true; 3],
+                ..Fold::default()
+            },
             sampled: Some(Arc::clone(products)),
         }
     }
@@ -111,14 +117,28 @@ impl Spectrum {
             }
         }
         let mut turns = vec![Mat3::identity()];
-        for q in operators {
+        for q in &operators {
             if turns
                 .iter()
                 .all(|t| exchange(&(q * t.transpose())).is_none())
             {
-                turns.push(q);
+                turns.push(*q);
             }
         }
+        let keeps = |signs: [f64; 3]| {
+            let reversal = Mat3::from_diagonal(&signs.into());
+            operators.iter().any(|q| (q - reversal).amax() < 1e-9)
+        };
+        let even = |h: &[i32; 3], a: usize, b: usize| (h[a] + h[b]) % 2 == 0;
+        let fold = Fold {
+            mirrored: [
+                keeps([-1.0, 1.0, 1.0]),
+                keeps([1.0, -1.0, 1.0]),
+                keeps([1.0, 1.0, -1.0]),
+            ],
+            twofold: keeps([-1.0, -1.0, 1.0]) && keeps([1.0, -1.0, -1.0]),
+            centred: D == 3 && terms.iter().all(|(h, _)| even(h, 0, 1) && even(h, 1, 2)),
+        };
         Ok(Self {
             terms,
             periods,
@@ -126,6 +146,7 @@ impl Spectrum {
             class,
             turns,
             planar: D == 2,
+            fold,
             sampled: None,
         })
     }

@@ -4,7 +4,7 @@ use super::build::Spectrum;
 use super::pyramid::{Pyramid, scan};
 use super::spline::{Grid, Spline};
 use crate::field::Interval;
-use crate::frame::{CellBox, Element, Face, Mat3, Vec3};
+use crate::frame::{CellBox, CellPoint, Element, Face, Mat3, Vec3};
 use rayon::prelude::*;
 
 /// Single precision: what rounding adds to an interval, relative to the largest coefficient.
@@ -15,18 +15,25 @@ const ROUNDING: f64 = 2e-6;
 pub(super) struct Leaf {
     pub spline: Spline,
     pyramid: Pyramid,
+    /// Bound of the gradient's length over the element.
+    sup: f64,
     turns: Vec<Mat3>,
     planar: bool,
     error: (f64, f64),
 }
 
 impl Leaf {
-    /// The leaf on a grid that holds its waves.
-    pub fn new(spectrum: Spectrum, grid: Grid) -> Self {
+    /// The leaf on a grid that holds its waves, for an element; `whole_group` if the cell is the same
+    /// in all its numberings.
+    pub fn new(spectrum: Spectrum, grid: Grid, element: Element, whole_group: bool) -> Self {
         let coefficients = spectrum.coefficients(&grid);
+        let pyramid = Pyramid::new(&coefficients, &grid);
+        let steepest = steepest_over(&coefficients, &grid, element, whole_group);
+        let scale = grid.per_unit().into_iter().fold(0.0, f64::max);
         Self {
-            pyramid: Pyramid::new(&coefficients, &grid),
-            spline: Spline::new(coefficients, grid),
+            sup: steepest * (1.0 + 1e-6) + ROUNDING * f64::from(pyramid.largest()) * scale,
+            pyramid,
+            spline: Spline::new(&coefficients, grid, spectrum.fold),
             error: spectrum.error_bounds(&grid),
             turns: spectrum.turns,
             planar: spectrum.planar,
@@ -39,7 +46,7 @@ impl Leaf {
     }
 
     pub fn bytes(&self) -> usize {
-        size_of_val(self.spline.coefficients()) + self.pyramid.bytes()
+        self.spline.bytes() + self.pyramid.bytes()
     }
 
     /// Single precision's part of the error of a value.
@@ -65,12 +72,12 @@ impl Leaf {
 
     pub fn value(&self, p: Vec3) -> f64 {
         if self.turns.len() == 1 {
-            return f64::from(self.spline.value(p.into()));
+            return f64::from(self.spline.value(CellPoint(p)));
         }
         let sum: f64 = self
             .turns
             .iter()
-            .map(|q| f64::from(self.spline.value((q * p).into())))
+            .map(|q| f64::from(self.spline.value(CellPoint(q * p))))
             .sum();
         sum / self.turns.len() as f64
     }
@@ -78,7 +85,7 @@ impl Leaf {
     pub fn slope(&self, p: Vec3) -> (f64, Vec3) {
         let (mut value, mut gradient) = (0.0, Vec3::zeros());
         for q in &self.turns {
-            let (v, g) = self.spline.value_and_gradient((q * p).into());
+            let (v, g) = self.spline.value_and_gradient(CellPoint(q * p));
             value += f64::from(v);
             gradient += q.tr_mul(&Vec3::from(g.map(f64::from)));
         }
@@ -139,51 +146,55 @@ impl Leaf {
         (from, count)
     }
 
-    /// The largest gradient bound among the spline cells that meet the element; its symmetries, which
-    /// the turns are among, keep the element.
-    pub fn sup_over(&self, element: Element, whole_group: bool) -> f64 {
-        let grid = self.spline.grid();
-        let scale = grid.per_unit();
-        let step = Vec3::from(scale.map(f64::recip));
-        let around = element.cell_box();
-        // The ball's are those of the icosahedron in it.
-        let faces = match element {
-            Element::Ball => Element::Hex.faces(),
-            other => other.faces(),
-        };
-        let cells = |a: usize| -> std::ops::Range<i64> {
-            let lo = (around.min[a] * scale[a] - 1e-9).floor() as i64;
-            let hi = ((around.max[a] * scale[a] + 1e-9).ceil() as i64).max(lo + 1);
-            lo..hi
-        };
-        let [xs, ys, zs] = [cells(0), cells(1), cells(2)];
-        // The whole group maps the part of a tet or a hex with x >= |y|, |z| onto the rest.
-        let wedge = whole_group && matches!(element, Element::Tet | Element::Hex);
-        let near = |i: i64, c: i64| !wedge || (i >= -1 && c.abs() <= i + 2);
-        let in_slab = |i: i64| {
-            let mut steepest = 0f32;
-            for j in ys.clone().filter(|&j| near(i, j)) {
-                for k in zs.clone().filter(|&k| near(i, k)) {
-                    let at = [i, j, k];
-                    let lo = Vec3::from_fn(|a, _| at[a] as f64).component_mul(&step);
-                    if faces.iter().all(|f| meets(f, lo, step)) {
-                        let cell = [0, 1, 2].map(|a| at[a].rem_euclid(grid.samples[a] as i64));
-                        let cell = cell.map(|c| c as usize);
-                        let range = scan(self.spline.coefficients(), grid, cell, 1);
-                        steepest = steepest.max(range.steepest);
-                    }
-                }
-            }
-            steepest
-        };
-        let steepest = xs.into_par_iter().map(in_slab).reduce(|| 0.0, f32::max);
-        f64::from(steepest) * (1.0 + 1e-6) + self.slope_rounding()
+    /// Bound of the gradient's length over the element.
+    pub fn sup(&self) -> f64 {
+        self.sup
     }
 
     /// Samples along the axis that has most.
     pub fn samples(&self) -> usize {
         self.spline.grid().samples.into_iter().max().unwrap_or(1)
     }
+}
+
+/// The largest gradient bound among the spline cells that meet the element: the element's symmetries, which
+/// the turns are among, keep the element.
+fn steepest_over(coefficients: &[f32], grid: &Grid, element: Element, whole_group: bool) -> f64 {
+    let scale = grid.per_unit();
+    let step = Vec3::from(scale.map(f64::recip));
+    let around = element.cell_box();
+    // The ball's are those of the icosahedron in it.
+    let faces = match element {
+        Element::Ball => Element::Hex.faces(),
+        other => other.faces(),
+    };
+    let cells = |a: usize| -> std::ops::Range<i64> {
+        let lo = (around.min[a] * scale[a] - 1e-9).floor() as i64;
+        let hi = ((around.max[a] * scale[a] + 1e-9).ceil() as i64).max(lo + 1);
+        lo..hi
+    };
+    let [xs, ys, zs] = [cells(0), cells(1), cells(2)];
+    // The whole group maps the part of a tet or a hex with x >= |y|, |z| onto the rest.
+    let wedge = whole_group && matches!(element, Element::Tet | Element::Hex);
+    let near = |i: i64, c: i64| !wedge || (i >= -1 && c.abs() <= i + 2);
+    let in_slab = |i: i64| {
+        let mut steepest = 0f32;
+        for j in ys.clone().filter(|&j| near(i, j)) {
+            for k in zs.clone().filter(|&k| near(i, k)) {
+                let at = [i, j, k];
+                let lo = Vec3::from_fn(|a, _| at[a] as f64).component_mul(&step);
+                if faces.iter().all(|f| meets(f, lo, step)) {
+                    let cell = [0, 1, 2].map(|a| at[a].rem_euclid(grid.samples[a] as i64));
+                    let cell = cell.map(|c| c as usize);
+                    let range = scan(coefficients, grid, cell, 1);
+                    steepest = steepest.max(range.steepest);
+                }
+            }
+        }
+        steepest
+    };
+    let steepest = xs.into_par_iter().map(in_slab).reduce(|| 0.0, f32::max);
+    f64::from(steepest)
 }
 
 /// Whether a box reaches to the inner side of a face's plane.

@@ -1,17 +1,27 @@
 //! The tricubic B-spline itself: where a point lies, the value and the gradient there.
 //!
-//! Single-precision code over rows of four coefficients, written once and compiled twice: for any
-//! processor, where nothing may call the mathematics library (on the x86-64 baseline even rounding
-//! down would be a function call), and for those with AVX2 and fused multiplications, which are
-//! recognised when the table is made.
+//! **Folding.** Of a period only that part is kept from which the symmetries that keep the axes make
+//! the rest: see [`Fold`]. A point is moved there first, its gradient back.
+//!
+//! **Layout.** The 4 x 4 coefficients (y, z) around a point are 16 neighbours, one cache line, for each
+//! of its four planes along x: entry (i, j, k) holds those of j to j + 3, entries follow along z. A
+//! coefficient is there four times.
+//!
+//! Points are placed four at a time in double precision; the sums over rows of eight coefficients are
+//! in single. Written once and compiled twice, see [`Lanes`]. A point gives the same bits alone and
+//! among others.
 // Small functions of one hot path: a call each would cost as much as the work.
 #![allow(clippy::inline_always)]
 
+use super::lanes::{Lanes, Plain};
+use crate::frame::CellPoint;
 #[cfg(target_arch = "x86_64")]
 use pulp::{NullaryFnOnce, x86::V3};
 
-/// Four neighbouring coefficients along z.
-type Row = [f32; 4];
+/// Points that are evaluated together.
+const GROUP: usize = 8;
+/// Coefficients around a point in one plane.
+const PATCH: usize = 16;
 
 /// The grid of a spline: samples and period per axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -34,107 +44,186 @@ impl Grid {
     }
 }
 
+/// Symmetries of the coefficients that keep the axes.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Fold {
+    /// Axes whose reversal changes nothing.
+    pub mirrored: [bool; 3],
+    /// Nothing changes when x and y, or any other two axes, are reversed together. Only of use where
+    /// no axis is mirrored by itself.
+    pub twofold: bool,
+    /// Nothing changes when half a period is added along any two axes.
+    pub centred: bool,
+}
+
+/// How an axis is folded: turns of its fold's period, spline cells.
+#[derive(Clone, Copy)]
+struct Axis {
+    /// 1 / (period of the fold).
+    rate: f64,
+    /// Whether the fold's period is centred about 0 and reversed to its upper half.
+    is_halved: bool,
+    /// Samples per period of the fold.
+    samples: f64,
+    /// The last spline cell.
+    last: f64,
+    /// Spline cells that are kept.
+    cells: usize,
+}
+
 /// A periodic tricubic B-spline on the box of its periods.
 pub(super) struct Spline {
     grid: Grid,
-    /// Coefficients with three repeated layers per axis: no index wraps inside.
-    coefficients: Vec<f32>,
-    inverse_periods: [f64; 3],
+    table: Vec<f32>,
+    axes: [Axis; 3],
+    /// Whether the reversal of x or of y reverses z.
+    is_twofold: bool,
+    /// Turns along z for a turn along x or y.
+    carry: f64,
     per_unit: [f32; 3],
-    /// Samples along each axis.
-    counts: [f64; 3],
-    /// Offsets of the rows of a spline cell along x and along y from its first coefficient.
-    strides: [usize; 2],
+    /// Distance in the table of neighbours along each axis.
+    strides: [f64; 3],
+    /// The same along x.
+    plane: usize,
     #[cfg(target_arch = "x86_64")]
     wide: Option<V3>,
 }
 
-/// a b + c, fused where that is one instruction.
-#[inline(always)]
-fn fused<const WIDE: bool>(a: f32, b: f32, c: f32) -> f32 {
-    if WIDE { a.mul_add(b, c) } else { a * b + c }
+/// Places of a group of points.
+struct Places {
+    /// Where in the table the first patch starts.
+    at: [i32; GROUP],
+    /// Place in the spline cell, by axis.
+    within: [[f32; GROUP]; 3],
+    /// 1, or -1 along axes that were reversed.
+    signs: [[f32; GROUP]; 3],
 }
 
-/// The sum of four rows times their weights.
-#[inline(always)]
-fn mixed<const WIDE: bool>(weights: Row, rows: &[Row; 4]) -> Row {
-    let mut sum = [0.0; 4];
-    for l in 0..4 {
-        sum[l] = rows[0][l] * weights[0];
-    }
-    for y in 1..4 {
-        for l in 0..4 {
-            sum[l] = fused::<WIDE>(weights[y], rows[y][l], sum[l]);
+/// Coefficients of the four cubic weights by powers of the place in the cell.
+const CUBIC: [[f32; 4]; 4] = [
+    [1.0 / 6.0, 4.0 / 6.0, 1.0 / 6.0, 0.0],
+    [-0.5, 0.0, 0.5, 0.0],
+    [0.5, -1.0, 0.5, 0.0],
+    [-1.0 / 6.0, 0.5, -0.5, 1.0 / 6.0],
+];
+/// Of their derivatives.
+const SLOPES: [[f32; 4]; 3] = [
+    [-0.5, 0.0, 0.5, 0.0],
+    [1.0, -2.0, 1.0, 0.0],
+    [-0.5, 1.5, -1.5, 0.5],
+];
+
+/// Rows whose lane l holds entry l % 4: weights along y.
+const fn along_y<const N: usize>(powers: [[f32; 4]; N]) -> [[f32; 8]; N] {
+    let mut rows = [[0.0; 8]; N];
+    let mut p = 0;
+    while p < N {
+        let mut l = 0;
+        while l < 8 {
+            rows[p][l] = powers[p][l % 4];
+            l += 1;
         }
+        p += 1;
     }
-    sum
+    rows
 }
 
-/// Cubic B-spline weights at t in [0, 1].
-#[inline(always)]
-fn weights(t: f32) -> Row {
-    let (t2, s) = (t * t, 1.0 - t);
-    let t3 = t2 * t;
-    [
-        s * s * s * (1.0 / 6.0),
-        0.5 * t3 - t2 + 2.0 / 3.0,
-        -0.5 * t3 + 0.5 * (t2 + t) + 1.0 / 6.0,
-        t3 * (1.0 / 6.0),
-    ]
+/// Rows whose lane l holds entry `first` + l / 4: weights along z.
+const fn along_z<const N: usize>(powers: [[f32; 4]; N], first: usize) -> [[f32; 8]; N] {
+    let mut rows = [[0.0; 8]; N];
+    let mut p = 0;
+    while p < N {
+        let mut l = 0;
+        while l < 8 {
+            rows[p][l] = powers[p][first + l / 4];
+            l += 1;
+        }
+        p += 1;
+    }
+    rows
 }
 
-/// Derivatives of [`weights`].
+const Y: [[f32; 8]; 4] = along_y(CUBIC);
+const Y_SLOPES: [[f32; 8]; 3] = along_y(SLOPES);
+const Z: [[[f32; 8]; 4]; 2] = [along_z(CUBIC, 0), along_z(CUBIC, 2)];
+const Z_SLOPES: [[[f32; 8]; 3]; 2] = [along_z(SLOPES, 0), along_z(SLOPES, 2)];
+
+/// A cubic with these coefficients.
 #[inline(always)]
-fn slopes(t: f32) -> Row {
-    let s = 1.0 - t;
-    [
-        -0.5 * s * s,
-        1.5 * t * t - 2.0 * t,
-        -1.5 * t * t + t + 0.5,
-        0.5 * t * t,
-    ]
+fn cubic<L: Lanes>(lanes: L, t: L::Eight, c: &[[f32; 8]; 4]) -> L::Eight {
+    let mut sum = lanes.mul_add(t, lanes.eight(c[3]), lanes.eight(c[2]));
+    sum = lanes.mul_add(t, sum, lanes.eight(c[1]));
+    lanes.mul_add(t, sum, lanes.eight(c[0]))
 }
 
+/// A square polynomial with these coefficients.
 #[inline(always)]
-fn dot(a: Row, b: Row) -> f32 {
-    (a[0] * b[0] + a[2] * b[2]) + (a[1] * b[1] + a[3] * b[3])
+fn square<L: Lanes>(lanes: L, t: L::Eight, c: &[[f32; 8]; 3]) -> L::Eight {
+    let sum = lanes.mul_add(t, lanes.eight(c[2]), lanes.eight(c[1]));
+    lanes.mul_add(t, sum, lanes.eight(c[0]))
 }
 
 #[cfg(target_arch = "x86_64")]
-struct Value<'a>(&'a Spline, [f64; 3]);
+struct Values<'a>(V3, &'a Spline, &'a [CellPoint<3>], &'a mut [f32]);
 
 #[cfg(target_arch = "x86_64")]
-impl NullaryFnOnce for Value<'_> {
-    type Output = f32;
+impl NullaryFnOnce for Values<'_> {
+    type Output = ();
     #[inline(always)]
-    fn call(self) -> f32 {
-        self.0.value_by::<true>(self.1)
+    fn call(self) {
+        self.1.values_by(self.0, self.2, self.3);
     }
 }
 
 #[cfg(target_arch = "x86_64")]
-struct Slope<'a>(&'a Spline, [f64; 3]);
+struct Samples<'a>(V3, &'a Spline, &'a [CellPoint<3>], &'a mut [[f32; 4]]);
 
 #[cfg(target_arch = "x86_64")]
-impl NullaryFnOnce for Slope<'_> {
-    type Output = (f32, [f32; 3]);
+impl NullaryFnOnce for Samples<'_> {
+    type Output = ();
     #[inline(always)]
-    fn call(self) -> (f32, [f32; 3]) {
-        self.0.slope_by::<true>(self.1)
+    fn call(self) {
+        self.1.samples_by(self.0, self.2, self.3);
     }
 }
 
 impl Spline {
-    /// From the padded coefficients of one period.
-    pub fn new(coefficients: Vec<f32>, grid: Grid) -> Self {
+    /// From the padded coefficients of one period, which have the symmetries of the fold.
+    pub fn new(padded: &[f32], grid: Grid, fold: Fold) -> Self {
+        let twofold = fold.twofold && fold.mirrored == [false; 3];
+        let axes: [Axis; 3] = std::array::from_fn(|a| {
+            // Turns along x and y are carried to z.
+            let parts = if fold.centred && a < 2 { 2 } else { 1 };
+            let samples = grid.samples[a] / parts;
+            let is_halved = fold.mirrored[a] || (twofold && a < 2);
+            let cells = if is_halved { samples / 2 + 1 } else { samples };
+            Axis {
+                rate: parts as f64 / grid.periods[a],
+                is_halved,
+                samples: samples as f64,
+                last: (cells - 1) as f64,
+                cells,
+            }
+        });
+        let [nx, ny, nz] = [axes[0].cells + 3, axes[1].cells, axes[2].cells + 3];
         let [_, sy, sz] = grid.padded();
+        let mut table = Vec::with_capacity(nx * ny * nz * 4);
+        for i in 0..nx {
+            for j in 0..ny {
+                for k in 0..nz {
+                    table.extend((j..j + 4).map(|y| padded[(i * sy + y) * sz + k]));
+                }
+            }
+        }
         Self {
             grid,
-            coefficients,
-            inverse_periods: grid.periods.map(f64::recip),
+            table,
+            axes,
+            is_twofold: twofold,
+            carry: if fold.centred { 0.5 } else { 0.0 },
             per_unit: grid.per_unit().map(|c| c as f32),
-            counts: grid.samples.map(|n| n as f64),
-            strides: [sy * sz, sz],
+            strides: [ny * nz * 4, nz * 4, 4].map(|s| s as f64),
+            plane: ny * nz * 4,
             #[cfg(target_arch = "x86_64")]
             wide: V3::try_new(),
         }
@@ -144,130 +233,354 @@ impl Spline {
         &self.grid
     }
 
-    pub fn coefficients(&self) -> &[f32] {
-        &self.coefficients
+    pub fn bytes(&self) -> usize {
+        size_of_val(self.table.as_slice())
     }
 
-    /// Number of the spline cell along an axis and the place in it, from 0 to 1.
+    /// Places points number `from` to `from + 4` of the group.
     #[inline(always)]
-    fn along<const WIDE: bool>(&self, x: f64, axis: usize) -> (usize, f32) {
-        let v = x * self.inverse_periods[axis];
-        let turn = if WIDE {
-            v - v.floor()
-        } else {
-            let fraction = v - v as i64 as f64;
-            fraction + f64::from(u8::from(fraction < 0.0))
+    fn place<L: Lanes>(&self, lanes: L, x: [[f64; 4]; 3], from: usize, places: &mut Places) {
+        let one = lanes.all_four(1.0);
+        let mut turns = lanes.all_four(0.0);
+        let mut reversed = one;
+        let mut at = lanes.all_four(0.0);
+        for a in 0..3 {
+            let axis = &self.axes[a];
+            let mut v = lanes.mul_four(lanes.four(x[a]), lanes.all_four(axis.rate));
+            if a == 2 {
+                v = lanes.sub_four(v, lanes.mul_four(turns, lanes.all_four(self.carry)));
+                if self.is_twofold {
+                    v = lanes.mul_four(v, reversed);
+                }
+            }
+            let mut sign = one;
+            if axis.is_halved {
+                let whole = lanes.floor_four(lanes.add_four(v, lanes.all_four(0.5)));
+                turns = lanes.add_four(turns, whole);
+                v = lanes.sub_four(v, whole);
+                sign = lanes.sign_four(v);
+                v = lanes.mul_four(v, sign);
+                reversed = lanes.mul_four(reversed, sign);
+            } else {
+                let whole = lanes.floor_four(v);
+                turns = lanes.add_four(turns, whole);
+                v = lanes.sub_four(v, whole);
+                if a == 2 && self.is_twofold {
+                    sign = reversed;
+                }
+            }
+            let u = lanes.mul_four(v, lanes.all_four(axis.samples));
+            let cell = lanes.min_four(lanes.floor_four(u), lanes.all_four(axis.last));
+            let stride = lanes.all_four(self.strides[a]);
+            at = lanes.add_four(at, lanes.mul_four(cell, stride));
+            let within = lanes.singles(lanes.sub_four(u, cell));
+            places.within[a][from..from + 4].copy_from_slice(&within);
+            places.signs[a][from..from + 4].copy_from_slice(&lanes.singles(sign));
+        }
+        places.at[from..from + 4].copy_from_slice(&lanes.integers(at));
+    }
+
+    /// Places a group of at most eight points.
+    #[inline(always)]
+    fn places<L: Lanes>(&self, lanes: L, points: &[CellPoint<3>]) -> Places {
+        let mut places = Places {
+            at: [0; GROUP],
+            within: [[0.0; GROUP]; 3],
+            signs: [[0.0; GROUP]; 3],
         };
-        let samples = self.grid.samples[axis];
-        let w = turn * self.counts[axis];
-        let cell = (w as i32 as usize).min(samples - 1);
-        (cell, (w - cell as i32 as f64) as f32)
-    }
-
-    /// The coefficients from the first one of the point's spline cell on, and the place in the cell.
-    #[inline(always)]
-    fn place<const WIDE: bool>(&self, x: [f64; 3]) -> (&[f32], [f32; 3]) {
-        let [(i, a), (j, b), (k, c)] = [
-            self.along::<WIDE>(x[0], 0),
-            self.along::<WIDE>(x[1], 1),
-            self.along::<WIDE>(x[2], 2),
-        ];
-        let at = i * self.strides[0] + j * self.strides[1] + k;
-        (&self.coefficients[at..], [a, b, c])
-    }
-
-    /// The four rows along y of one plane of a spline cell.
-    #[inline(always)]
-    fn plane(&self, from: &[f32], x: usize) -> [Row; 4] {
-        // The last row that there is bounds the place: one comparison, and no way to fail.
-        let last = from.len() - 4;
-        let mut rows = [[0.0; 4]; 4];
-        for (y, row) in rows.iter_mut().enumerate() {
-            let at = (x * self.strides[0] + y * self.strides[1]).min(last);
-            row.copy_from_slice(&from[at..at + 4]);
+        for from in [0, 4] {
+            if from >= points.len() {
+                break;
+            }
+            let mut x = [[0.0; 4]; 3];
+            for l in 0..4 {
+                let p = points[(from + l).min(points.len() - 1)].0;
+                (x[0][l], x[1][l], x[2][l]) = (p.x, p.y, p.z);
+            }
+            self.place(lanes, x, from, &mut places);
         }
-        rows
+        places
+    }
+
+    /// The patch of plane `i` from a place in the table on.
+    #[inline(always)]
+    fn patch<L: Lanes>(&self, lanes: L, at: usize, i: usize) -> [L::Eight; 2] {
+        let from = at + i * self.plane;
+        // Of a place that is no number: any patch.
+        let patch = self.table.get(from..from + PATCH);
+        let patch = patch.unwrap_or(&self.table[..PATCH]);
+        let mut halves = [[0.0; 8]; 2];
+        halves[0].copy_from_slice(&patch[..8]);
+        halves[1].copy_from_slice(&patch[8..]);
+        [lanes.eight(halves[0]), lanes.eight(halves[1])]
+    }
+
+    /// Both halves of the patches, summed along x.
+    #[inline(always)]
+    fn along_x<L: Lanes>(&self, lanes: L, at: usize, w: [f32; 4]) -> [L::Eight; 2] {
+        let first = lanes.all_eight(w[0]);
+        let [low, high] = self.patch(lanes, at, 0);
+        let (mut a, mut b) = (lanes.mul(low, first), lanes.mul(high, first));
+        for i in 1..4 {
+            let weight = lanes.all_eight(w[i]);
+            let [low, high] = self.patch(lanes, at, i);
+            a = lanes.mul_add(low, weight, a);
+            b = lanes.mul_add(high, weight, b);
+        }
+        [a, b]
+    }
+
+    /// Weights along x of a group, by plane.
+    #[inline(always)]
+    fn weights_x<L: Lanes>(lanes: L, within: [f32; GROUP]) -> [[f32; GROUP]; 4] {
+        let t = lanes.eight(within);
+        let mut weights = [[0.0; GROUP]; 4];
+        for (i, w) in weights.iter_mut().enumerate() {
+            let c = [
+                [CUBIC[0][i]; 8],
+                [CUBIC[1][i]; 8],
+                [CUBIC[2][i]; 8],
+                [CUBIC[3][i]; 8],
+            ];
+            *w = lanes.array(cubic(lanes, t, &c));
+        }
+        weights
+    }
+
+    /// Their derivatives.
+    #[inline(always)]
+    fn slopes_x<L: Lanes>(lanes: L, within: [f32; GROUP]) -> [[f32; GROUP]; 4] {
+        let t = lanes.eight(within);
+        let mut weights = [[0.0; GROUP]; 4];
+        for (i, w) in weights.iter_mut().enumerate() {
+            let c = [[SLOPES[0][i]; 8], [SLOPES[1][i]; 8], [SLOPES[2][i]; 8]];
+            *w = lanes.array(square(lanes, t, &c));
+        }
+        weights
     }
 
     #[inline(always)]
-    fn value_by<const WIDE: bool>(&self, x: [f64; 3]) -> f32 {
-        let (from, t) = self.place::<WIDE>(x);
-        let (wx, wy, wz) = (weights(t[0]), weights(t[1]), weights(t[2]));
-        // Planes by themselves, so that no long chain of sums is waited for. No closures: they would be
-        // compiled for any processor.
-        let mut planes = [[0.0; 4]; 4];
-        for (i, plane) in planes.iter_mut().enumerate() {
-            *plane = mixed::<WIDE>(wy, &self.plane(from, i));
+    fn values_by<L: Lanes>(&self, lanes: L, points: &[CellPoint<3>], out: &mut [f32]) {
+        for (points, out) in points.chunks(GROUP).zip(out.chunks_mut(GROUP)) {
+            let places = self.places(lanes, points);
+            let wx = Self::weights_x(lanes, places.within[0]);
+            let mut sums = [0.0; GROUP];
+            for from in (0..out.len()).step_by(4) {
+                let mut rows = [lanes.all_eight(0.0); 4];
+                for (l, row) in rows.iter_mut().take(out.len() - from).enumerate() {
+                    let n = from + l;
+                    let at = places.at[n] as usize;
+                    let w = [wx[0][n], wx[1][n], wx[2][n], wx[3][n]];
+                    let [low, high] = self.along_x(lanes, at, w);
+                    let ty = lanes.all_eight(places.within[1][n]);
+                    let tz = lanes.all_eight(places.within[2][n]);
+                    let sum = lanes.mul(high, cubic(lanes, tz, &Z[1]));
+                    let sum = lanes.mul_add(low, cubic(lanes, tz, &Z[0]), sum);
+                    *row = lanes.mul(sum, cubic(lanes, ty, &Y));
+                }
+                sums[from..from + 4].copy_from_slice(&lanes.sums(rows));
+            }
+            for (v, sum) in out.iter_mut().zip(sums) {
+                *v = sum;
+            }
         }
-        dot(mixed::<WIDE>(wx, &planes), wz)
     }
 
     #[inline(always)]
-    fn slope_by<const WIDE: bool>(&self, x: [f64; 3]) -> (f32, [f32; 3]) {
-        let (from, t) = self.place::<WIDE>(x);
-        let (wx, wy, wz) = (weights(t[0]), weights(t[1]), weights(t[2]));
-        let (dx, dy, dz) = (slopes(t[0]), slopes(t[1]), slopes(t[2]));
-        let (mut flat, mut steep) = ([[0.0; 4]; 4], [[0.0; 4]; 4]);
-        for i in 0..4 {
-            let rows = self.plane(from, i);
-            flat[i] = mixed::<WIDE>(wy, &rows);
-            steep[i] = mixed::<WIDE>(dy, &rows);
+    fn samples_by<L: Lanes>(&self, lanes: L, points: &[CellPoint<3>], out: &mut [[f32; 4]]) {
+        for (points, out) in points.chunks(GROUP).zip(out.chunks_mut(GROUP)) {
+            let places = self.places(lanes, points);
+            let wx = Self::weights_x(lanes, places.within[0]);
+            let dx = Self::slopes_x(lanes, places.within[0]);
+            for (n, out) in out.iter_mut().enumerate() {
+                let at = places.at[n] as usize;
+                let [low, high] = self.along_x(lanes, at, [wx[0][n], wx[1][n], wx[2][n], wx[3][n]]);
+                let [steep_low, steep_high] =
+                    self.along_x(lanes, at, [dx[0][n], dx[1][n], dx[2][n], dx[3][n]]);
+                let ty = lanes.all_eight(places.within[1][n]);
+                let tz = lanes.all_eight(places.within[2][n]);
+                let (wy, dy) = (cubic(lanes, ty, &Y), square(lanes, ty, &Y_SLOPES));
+                let (z0, z1) = (cubic(lanes, tz, &Z[0]), cubic(lanes, tz, &Z[1]));
+                let (d0, d1) = (
+                    square(lanes, tz, &Z_SLOPES[0]),
+                    square(lanes, tz, &Z_SLOPES[1]),
+                );
+                let flat = lanes.mul_add(low, z0, lanes.mul(high, z1));
+                let steep = lanes.mul_add(steep_low, z0, lanes.mul(steep_high, z1));
+                let along = lanes.mul_add(low, d0, lanes.mul(high, d1));
+                let [v, x, y, z] = lanes.sums([
+                    lanes.mul(flat, wy),
+                    lanes.mul(steep, wy),
+                    lanes.mul(flat, dy),
+                    lanes.mul(along, wy),
+                ]);
+                let [sx, sy, sz] = self.per_unit;
+                *out = [
+                    v,
+                    x * (sx * places.signs[0][n]),
+                    y * (sy * places.signs[1][n]),
+                    z * (sz * places.signs[2][n]),
+                ];
+            }
         }
-        let along_z = mixed::<WIDE>(wx, &flat);
-        let [sx, sy, sz] = self.per_unit;
-        (
-            dot(along_z, wz),
-            [
-                dot(mixed::<WIDE>(dx, &flat), wz) * sx,
-                dot(mixed::<WIDE>(wx, &steep), wz) * sy,
-                dot(along_z, dz) * sz,
-            ],
-        )
+    }
+
+    /// Values at points, into `out` of the same length.
+    pub fn values(&self, points: &[CellPoint<3>], out: &mut [f32]) {
+        #[cfg(target_arch = "x86_64")]
+        if let Some(wide) = self.wide {
+            return wide.vectorize(Values(wide, self, points, out));
+        }
+        self.values_by(Plain, points, out);
+    }
+
+    /// Values and gradients (per unit of reference length) at points, into `out` of the same length.
+    pub fn samples(&self, points: &[CellPoint<3>], out: &mut [[f32; 4]]) {
+        #[cfg(target_arch = "x86_64")]
+        if let Some(wide) = self.wide {
+            return wide.vectorize(Samples(wide, self, points, out));
+        }
+        self.samples_by(Plain, points, out);
     }
 
     /// The value at a point.
-    #[inline]
-    pub fn value(&self, x: [f64; 3]) -> f32 {
-        #[cfg(target_arch = "x86_64")]
-        if let Some(wide) = self.wide {
-            return wide.vectorize(Value(self, x));
-        }
-        self.value_by::<false>(x)
+    pub fn value(&self, x: CellPoint<3>) -> f32 {
+        let mut out = [0.0];
+        self.values(&[x], &mut out);
+        out[0]
     }
 
-    /// The value and its gradient, per unit of reference length: along y every plane of rows is summed
-    /// with weights and with slopes, the planes likewise along x, and what is left along z.
-    #[inline]
-    pub fn value_and_gradient(&self, x: [f64; 3]) -> (f32, [f32; 3]) {
-        #[cfg(target_arch = "x86_64")]
-        if let Some(wide) = self.wide {
-            return wide.vectorize(Slope(self, x));
-        }
-        self.slope_by::<false>(x)
+    /// The value and its gradient at a point.
+    pub fn value_and_gradient(&self, x: CellPoint<3>) -> (f32, [f32; 3]) {
+        let mut out = [[0.0; 4]];
+        self.samples(&[x], &mut out);
+        let [v, x, y, z] = out[0];
+        (v, [x, y, z])
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::frame::Vec3;
+
+    /// Padded coefficients of a function of the indices.
+    fn padded(grid: Grid, f: impl Fn([i64; 3]) -> f32) -> Vec<f32> {
+        let n = grid.samples.map(|n| n as i64);
+        let [sx, sy, sz] = grid.padded();
+        let mut all = Vec::new();
+        for i in 0..sx as i64 {
+            for j in 0..sy as i64 {
+                for k in 0..sz as i64 {
+                    all.push(f([
+                        (i - 1).rem_euclid(n[0]),
+                        (j - 1).rem_euclid(n[1]),
+                        (k - 1).rem_euclid(n[2]),
+                    ]));
+                }
+            }
+        }
+        all
+    }
+
+    fn points() -> Vec<CellPoint<3>> {
+        (0..203)
+            .map(|n| {
+                let t = f64::from(n) * 0.37 - 20.0;
+                CellPoint(Vec3::new(t, 0.7 * t + 0.1, -1.3 * t))
+            })
+            .collect()
+    }
+
+    const GRID: Grid = Grid {
+        samples: [6, 4, 8],
+        periods: [1.0, 2.0, 0.5],
+    };
 
     #[test]
-    fn both_ways_of_computing_agree_to_rounding() {
+    fn both_ways_of_computing_agree_to_rounding_and_one_by_one() {
+        let noise = |[i, j, k]: [i64; 3]| ((i * 31 + j * 17 + k * k) as f32 * 0.618).sin();
+        let spline = Spline::new(&padded(GRID, noise), GRID, Fold::default());
+        let all = points();
+        let (mut plain, mut wide) = (vec![[0.0; 4]; all.len()], vec![[0.0; 4]; all.len()]);
+        spline.samples_by(Plain, &all, &mut plain);
+        spline.samples(&all, &mut wide);
+        let (mut low, mut values) = (vec![0.0; all.len()], vec![0.0; all.len()]);
+        spline.values_by(Plain, &all, &mut low);
+        spline.values(&all, &mut values);
+        for (n, &p) in all.iter().enumerate() {
+            assert!((low[n] - values[n]).abs() < 1e-5);
+            assert!((wide[n][0] - values[n]).abs() < 1e-5);
+            for a in 0..4 {
+                assert!((plain[n][a] - wide[n][a]).abs() < 2e-4, "{n} {a}");
+            }
+            assert_eq!(spline.value(p).to_bits(), values[n].to_bits());
+            let (v, [x, y, z]) = spline.value_and_gradient(p);
+            assert_eq!([v, x, y, z].map(f32::to_bits), wide[n].map(f32::to_bits));
+        }
+    }
+
+    #[test]
+    fn a_folded_table_is_the_whole_one() {
+        // Waves with the symmetries of each fold; along x and y the periods of 12 and 8 samples.
         let grid = Grid {
-            samples: [6, 4, 8],
-            periods: [1.0, 2.0, 0.5],
+            samples: [12, 8, 20],
+            periods: [2.0, 2.0, 2.0],
         };
-        let count: usize = grid.padded().iter().product();
-        let noise = |n: usize| ((n * n) as f32 * 0.618).sin();
-        let spline = Spline::new((0..count).map(noise).collect(), grid);
-        for n in 0..200 {
-            let t = f64::from(n) * 0.37 - 20.0;
-            let x = [t, 0.7 * t + 0.1, -1.3 * t];
-            let (plain, wide) = (spline.slope_by::<false>(x), spline.value_and_gradient(x));
-            assert!((plain.0 - wide.0).abs() < 1e-5);
-            assert!((spline.value_by::<false>(x) - spline.value(x)).abs() < 1e-5);
-            for a in 0..3 {
-                assert!((plain.1[a] - wide.1[a]).abs() < 1e-4, "{n} {a}");
+        let turn = |i: i64, a: usize| std::f32::consts::TAU * i as f32 / grid.samples[a] as f32;
+        let even = |v: [i64; 3]| {
+            let [x, y, z] = [0, 1, 2].map(|a| turn(v[a], a));
+            x.cos() * y.cos() + 0.3 * (2.0 * z).cos() * (2.0 * x).cos() + 0.2 * z.cos() * x.cos()
+        };
+        let odd = |v: [i64; 3]| {
+            let [x, y, z] = [0, 1, 2].map(|a| turn(v[a], a));
+            x.sin() * y.sin() * z.sin() + 0.5 * x.cos() * y.cos() * z.cos() + 0.1 * (2.0 * z).cos()
+        };
+        let mixed = |v: [i64; 3]| even(v) + turn(v[1], 1).sin();
+        let folds: [(Fold, &dyn Fn([i64; 3]) -> f32); 4] = [
+            (
+                Fold {
+                    mirrored: [true; 3],
+                    ..Fold::default()
+                },
+                &even,
+            ),
+            (
+                Fold {
+                    mirrored: [true, false, true],
+                    ..Fold::default()
+                },
+                &mixed,
+            ),
+            (
+                Fold {
+                    twofold: true,
+                    ..Fold::default()
+                },
+                &odd,
+            ),
+            (
+                Fold {
+                    twofold: true,
+                    centred: true,
+                    ..Fold::default()
+                },
+                &odd,
+            ),
+        ];
+        let all = points();
+        for (fold, f) in folds {
+            let coefficients = padded(grid, f);
+            let whole = Spline::new(&coefficients, grid, Fold::default());
+            let folded = Spline::new(&coefficients, grid, fold);
+            assert!(folded.bytes() < whole.bytes());
+            let (mut a, mut b) = (vec![[0.0; 4]; all.len()], vec![[0.0; 4]; all.len()]);
+            whole.samples(&all, &mut a);
+            folded.samples(&all, &mut b);
+            for (n, (a, b)) in a.iter().zip(&b).enumerate() {
+                for l in 0..4 {
+                    assert!((a[l] - b[l]).abs() < 2e-5, "{fold:?} {n}: {a:?} {b:?}");
+                }
             }
         }
     }
