@@ -8,6 +8,9 @@
 //! interpolant is as symmetric as the series and cells stay continuous across faces to rounding;
 //! where a group has others (order 3 about z) the mean over the turned points restores it.
 //!
+//! Of a period a table keeps the part from which mirrors, twofold axes and centring make the rest: an
+//! eighth in a hex, a sixteenth in a tet. Points are best looked up together.
+//!
 //! Conventions: the table holds Phi minus its level (Phi itself for a sheet, whose absolute value is
 //! taken after interpolation); as a [`Field`] it is negative inside the solid. An expression of
 //! several series is evaluated from one spline each, a function of the ball from samples over a box,
@@ -21,16 +24,17 @@ use crate::field::{Field, Interval};
 use crate::frame::{CellBox, CellPoint, Element, Vec3};
 
 mod build;
+mod grid;
 mod lanes;
 mod leaf;
 mod pyramid;
 mod spline;
 mod window;
 use build::{Spectrum, good_size};
+use grid::Grid;
 use leaf::Leaf;
-use spline::Grid;
 
-/// Greatest number of samples per axis that [`Table::new`] uses: 17 MB for each cubic series.
+/// Greatest number of samples per axis that [`Table::new`] uses: 9 MiB for each series of a hex.
 const LARGEST: usize = 160;
 /// Least number of samples per axis.
 const SMALLEST: usize = 32;

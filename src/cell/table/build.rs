@@ -4,7 +4,7 @@ use super::super::form::Node;
 use super::super::icosahedral::Products;
 use super::super::pairing::embedded;
 use super::super::{CellError, Series};
-use super::spline::{Fold, Grid};
+use super::grid::{Fold, Grid};
 use super::window;
 use crate::frame::Mat3;
 use rayon::prelude::*;

@@ -1,8 +1,9 @@
 //! One series of a table: its spline, its bounds, and the turns that make it symmetric.
 
 use super::build::Spectrum;
+use super::grid::Grid;
 use super::pyramid::{Pyramid, scan};
-use super::spline::{Grid, Spline};
+use super::spline::Spline;
 use crate::field::Interval;
 use crate::frame::{CellBox, CellPoint, Element, Face, Mat3, Vec3};
 use rayon::prelude::*;

@@ -1,6 +1,6 @@
 //! Extremes of B-spline coefficients over ranges of spline cells: overlapping windows of many sizes.
 
-use super::spline::Grid;
+use super::grid::Grid;
 
 /// Extremes of the coefficients that matter in a range of spline cells.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -7,7 +7,7 @@
 
 use super::super::icosahedral::Products;
 use super::build::{aliases, attenuation, inverse_transform, kept};
-use super::spline::Grid;
+use super::grid::Grid;
 use rustfft::num_complex::Complex64;
 use std::f64::consts::TAU;
 
