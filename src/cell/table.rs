@@ -29,6 +29,7 @@ mod lanes;
 mod leaf;
 mod pyramid;
 mod spline;
+mod weights;
 mod window;
 use build::{Spectrum, good_size};
 use grid::Grid;

@@ -202,7 +202,8 @@ impl Lanes for V3 {
     #[inline(always)]
     fn sums(self, rows: [f32x8; 4]) -> [f32; 4] {
         // Neighbours twice, then both halves.
-        let [a, b, c, d] = rows.map(|r| cast(r));
+        let [a, b, c, d] = rows;
+        let [a, b, c, d] = [cast(a), cast(b), cast(c), cast(d)];
         let pairs = self
             .avx
             ._mm256_hadd_ps(self.avx._mm256_hadd_ps(a, b), self.avx._mm256_hadd_ps(c, d));

@@ -15,6 +15,7 @@
 
 use super::grid::{Fold, Grid};
 use super::lanes::{Lanes, Plain};
+use super::weights::{CUBIC, SLOPES, Y, Y_SLOPES, Z, Z_SLOPES, cubic, square};
 use crate::frame::CellPoint;
 #[cfg(target_arch = "x86_64")]
 use pulp::{NullaryFnOnce, x86::V3};
@@ -65,70 +66,6 @@ struct Places {
     within: [[f32; GROUP]; 3],
     /// 1, or -1 along axes that were reversed.
     signs: [[f32; GROUP]; 3],
-}
-
-/// Coefficients of the four cubic weights by powers of the place in the cell.
-const CUBIC: [[f32; 4]; 4] = [
-    [1.0 / 6.0, 4.0 / 6.0, 1.0 / 6.0, 0.0],
-    [-0.5, 0.0, 0.5, 0.0],
-    [0.5, -1.0, 0.5, 0.0],
-    [-1.0 / 6.0, 0.5, -0.5, 1.0 / 6.0],
-];
-/// Of their derivatives.
-const SLOPES: [[f32; 4]; 3] = [
-    [-0.5, 0.0, 0.5, 0.0],
-    [1.0, -2.0, 1.0, 0.0],
-    [-0.5, 1.5, -1.5, 0.5],
-];
-
-/// Rows whose lane l holds entry l % 4: weights along y.
-const fn along_y<const N: usize>(powers: [[f32; 4]; N]) -> [[f32; 8]; N] {
-    let mut rows = [[0.0; 8]; N];
-    let mut p = 0;
-    while p < N {
-        let mut l = 0;
-        while l < 8 {
-            rows[p][l] = powers[p][l % 4];
-            l += 1;
-        }
-        p += 1;
-    }
-    rows
-}
-
-/// Rows whose lane l holds entry `first` + l / 4: weights along z.
-const fn along_z<const N: usize>(powers: [[f32; 4]; N], first: usize) -> [[f32; 8]; N] {
-    let mut rows = [[0.0; 8]; N];
-    let mut p = 0;
-    while p < N {
-        let mut l = 0;
-        while l < 8 {
-            rows[p][l] = powers[p][first + l / 4];
-            l += 1;
-        }
-        p += 1;
-    }
-    rows
-}
-
-const Y: [[f32; 8]; 4] = along_y(CUBIC);
-const Y_SLOPES: [[f32; 8]; 3] = along_y(SLOPES);
-const Z: [[[f32; 8]; 4]; 2] = [along_z(CUBIC, 0), along_z(CUBIC, 2)];
-const Z_SLOPES: [[[f32; 8]; 3]; 2] = [along_z(SLOPES, 0), along_z(SLOPES, 2)];
-
-/// A cubic with these coefficients.
-#[inline(always)]
-fn cubic<L: Lanes>(lanes: L, t: L::Eight, c: &[[f32; 8]; 4]) -> L::Eight {
-    let mut sum = lanes.mul_add(t, lanes.eight(c[3]), lanes.eight(c[2]));
-    sum = lanes.mul_add(t, sum, lanes.eight(c[1]));
-    lanes.mul_add(t, sum, lanes.eight(c[0]))
-}
-
-/// A square polynomial with these coefficients.
-#[inline(always)]
-fn square<L: Lanes>(lanes: L, t: L::Eight, c: &[[f32; 8]; 3]) -> L::Eight {
-    let sum = lanes.mul_add(t, lanes.eight(c[2]), lanes.eight(c[1]));
-    lanes.mul_add(t, sum, lanes.eight(c[0]))
 }
 
 #[cfg(target_arch = "x86_64")]
@@ -432,6 +369,8 @@ mod tests {
     use super::*;
     use crate::frame::Vec3;
 
+    type Wave<'a> = &'a dyn Fn([i64; 3]) -> f32;
+
     /// Padded coefficients of a function of the indices.
     fn padded(grid: Grid, f: impl Fn([i64; 3]) -> f32) -> Vec<f32> {
         let n = grid.samples.map(|n| n as i64);
@@ -505,7 +444,7 @@ mod tests {
             x.sin() * y.sin() * z.sin() + 0.5 * x.cos() * y.cos() * z.cos() + 0.1 * (2.0 * z).cos()
         };
         let mixed = |v: [i64; 3]| even(v) + turn(v[1], 1).sin();
-        let folds: [(Fold, &dyn Fn([i64; 3]) -> f32); 4] = [
+        let folds: [(Fold, Wave); 4] = [
             (
                 Fold {
                     mirrored: [true; 3],

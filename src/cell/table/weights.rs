@@ -1,0 +1,69 @@
+//! Weights of the cubic B-spline and their derivatives, as polynomials of the place in the cell.
+// Small functions of one hot path: a call each would cost as much as the work.
+#![allow(clippy::inline_always)]
+
+use super::lanes::Lanes;
+
+/// Coefficients of the four cubic weights by powers of the place in the cell.
+pub(super) const CUBIC: [[f32; 4]; 4] = [
+    [1.0 / 6.0, 4.0 / 6.0, 1.0 / 6.0, 0.0],
+    [-0.5, 0.0, 0.5, 0.0],
+    [0.5, -1.0, 0.5, 0.0],
+    [-1.0 / 6.0, 0.5, -0.5, 1.0 / 6.0],
+];
+/// Of their derivatives.
+pub(super) const SLOPES: [[f32; 4]; 3] = [
+    [-0.5, 0.0, 0.5, 0.0],
+    [1.0, -2.0, 1.0, 0.0],
+    [-0.5, 1.5, -1.5, 0.5],
+];
+
+/// Rows whose lane l holds entry l % 4: weights along y.
+const fn along_y<const N: usize>(powers: [[f32; 4]; N]) -> [[f32; 8]; N] {
+    let mut rows = [[0.0; 8]; N];
+    let mut p = 0;
+    while p < N {
+        let mut l = 0;
+        while l < 8 {
+            rows[p][l] = powers[p][l % 4];
+            l += 1;
+        }
+        p += 1;
+    }
+    rows
+}
+
+/// Rows whose lane l holds entry `first` + l / 4: weights along z.
+const fn along_z<const N: usize>(powers: [[f32; 4]; N], first: usize) -> [[f32; 8]; N] {
+    let mut rows = [[0.0; 8]; N];
+    let mut p = 0;
+    while p < N {
+        let mut l = 0;
+        while l < 8 {
+            rows[p][l] = powers[p][first + l / 4];
+            l += 1;
+        }
+        p += 1;
+    }
+    rows
+}
+
+pub(super) const Y: [[f32; 8]; 4] = along_y(CUBIC);
+pub(super) const Y_SLOPES: [[f32; 8]; 3] = along_y(SLOPES);
+pub(super) const Z: [[[f32; 8]; 4]; 2] = [along_z(CUBIC, 0), along_z(CUBIC, 2)];
+pub(super) const Z_SLOPES: [[[f32; 8]; 3]; 2] = [along_z(SLOPES, 0), along_z(SLOPES, 2)];
+
+/// A cubic with these coefficients.
+#[inline(always)]
+pub(super) fn cubic<L: Lanes>(lanes: L, t: L::Eight, c: &[[f32; 8]; 4]) -> L::Eight {
+    let mut sum = lanes.mul_add(t, lanes.eight(c[3]), lanes.eight(c[2]));
+    sum = lanes.mul_add(t, sum, lanes.eight(c[1]));
+    lanes.mul_add(t, sum, lanes.eight(c[0]))
+}
+
+/// A square polynomial with these coefficients.
+#[inline(always)]
+pub(super) fn square<L: Lanes>(lanes: L, t: L::Eight, c: &[[f32; 8]; 3]) -> L::Eight {
+    let sum = lanes.mul_add(t, lanes.eight(c[2]), lanes.eight(c[1]));
+    lanes.mul_add(t, sum, lanes.eight(c[0]))
+}
