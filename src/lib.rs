@@ -3,9 +3,9 @@
 //! A tour, in order of use: [`symmetry`] (point groups as integer matrices), [`cell`] (a symmetric
 //! Fourier series fitted to geometry), [`scaffold`] (an unstructured mesh with its element maps),
 //! [`tiling`] (cell over scaffold: a field in world space), [`band`] (which 8^3 leaves matter, and
-//! their values), [`vdb`] (level sets in OpenVDB), [`recipe`] and [`pipeline`] (one document from
-//! sources to files). [`frame`], [`field`] and [`mesh`] are what all of them stand on; [`io`] reads
-//! and writes.
+//! their values), [`mesher`] (the band's surface in triangles), [`vdb`] (level sets in OpenVDB),
+//! [`recipe`] and [`pipeline`] (one document from sources to files). [`frame`], [`field`] and [`mesh`]
+//! are what all of them stand on; [`io`] reads and writes.
 //!
 //! # Conventions
 //! | what | convention |
@@ -27,6 +27,7 @@ pub mod field;
 pub mod frame;
 pub mod io;
 pub mod mesh;
+pub mod mesher;
 #[cfg(feature = "vdb")]
 pub mod pipeline;
 pub mod polymesh;

@@ -56,7 +56,9 @@ pub use op::{
     Trim, UpTo,
 };
 pub use operand::{Ball, Block, Grid, Mask, Operand, Plane, Rod, Side, Single, Skin};
-pub use output::{Compression, Cut, Decimate, Output, OutputKind, PictureSize, Segments};
+pub use output::{
+    Compression, Cut, Decimate, MesherWord, Output, OutputKind, PictureSize, Segments,
+};
 pub use quantity::{
     Finite, Fraction, HalfWidth, Length, Positive, QuantityError, Scale, Size, Unit, Width,
 };

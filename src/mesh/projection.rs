@@ -9,12 +9,14 @@
 //! planes make an edge, three a corner. A vertex stays within its cell, so that quads keep their order
 //! (Ju, Losasso, Schaefer and Warren, *Dual Contouring of Hermite Data*, 2002).
 
+use super::intersect::meeting_pairs;
+use super::soup::Soup;
 use super::{QuadMesh, TriMesh};
 use crate::field::WorldField;
 use crate::frame::{Mat3, Vec3, WorldPoint};
 use crate::progress::{Cancelled, Progress};
 use rayon::prelude::*;
-use std::collections::{BTreeMap, HashSet};
+use std::collections::{BTreeMap, BTreeSet, HashSet};
 
 /// How vertices are projected.
 #[derive(Clone, Copy, Debug)]
@@ -98,10 +100,21 @@ impl QuadMesh {
         for (place, found) in places.iter_mut().zip(&found) {
             *place = found.place.unwrap_or(*place);
         }
-        untangle(self, &mut places, how.voxel_size);
+        let turned = loop {
+            untangle(self, &mut places, how.voxel_size);
+            let turned = self.cuts(&places, &found, &surface);
+            let entangled = self.entangled(&places, &turned, progress)?;
+            if entangled.is_empty() {
+                break turned;
+            }
+            for n in entangled {
+                places[n] = before.vertices[n];
+            }
+        };
         let moved = |n: usize| places[n] != before.vertices[n];
-        let is_creased = |n: usize| moved(n) && found[n].creased;
-        let creased = (0..places.len()).filter(|&n| is_creased(n)).count();
+        let creased = (0..places.len())
+            .filter(|&n| moved(n) && found[n].creased)
+            .count();
         let kept = (0..places.len())
             .filter(|&n| found[n].place != Some(places[n]))
             .count();
@@ -110,33 +123,67 @@ impl QuadMesh {
             .filter(|&n| moved(n))
             .map(|n| surface.value(places[n]).abs())
             .reduce(|| 0.0, f64::max);
-        // The diagonal that is nearer to the surface at creases; elsewhere the shorter.
-        let cost = |a: u32, b: u32, at_crease: bool| {
-            let (p, q) = (places[a as usize], places[b as usize]);
-            let length = (p - q).norm() / how.voxel_size;
-            if at_crease {
-                let depth = surface.value((p + q) / 2.0).abs() / how.voxel_size;
-                100.0 * depth.max(0.01) + length
-            } else {
-                length
-            }
-        };
-        let turned: Vec<bool> = self
-            .quads()
-            .par_iter()
-            .map(|&[a, b, c, d]| {
-                let at_crease = [a, b, c, d].iter().any(|&v| is_creased(v as usize));
-                let shorter = cost(b, d, at_crease) < cost(a, c, at_crease);
-                let [first, second] = fits(self, &places, how.voxel_size, [a, b, c, d]);
-                c != d && second && (shorter || !first)
-            })
-            .collect();
         self.place(places, &turned);
         Ok(Projected {
             creased,
             kept,
             error,
         })
+    }
+
+    /// Which quads are cut along their second diagonal: the one that is nearer to the surface at creases,
+    /// elsewhere the shorter.
+    fn cuts(&self, places: &[Vec3], found: &[Found], surface: &Surface) -> Vec<bool> {
+        let is_creased =
+            |v: u32| places[v as usize] != self.vertices()[v as usize] && found[v as usize].creased;
+        let cost = |a: u32, b: u32, at_crease: bool| {
+            let (p, q) = (places[a as usize], places[b as usize]);
+            let length = (p - q).norm() / surface.h;
+            if at_crease {
+                let depth = surface.value((p + q) / 2.0).abs() / surface.h;
+                100.0 * depth.max(0.01) + length
+            } else {
+                length
+            }
+        };
+        self.quads()
+            .par_iter()
+            .map(|&[a, b, c, d]| {
+                let at_crease = [a, b, c, d].into_iter().any(is_creased);
+                let shorter = cost(b, d, at_crease) < cost(a, c, at_crease);
+                let [first, second] = fits(self, places, surface.h, [a, b, c, d]);
+                c != d && second && (shorter || !first)
+            })
+            .collect()
+    }
+
+    /// The vertices that moved of triangles that meet others where they should not, in single precision.
+    fn entangled(
+        &self,
+        places: &[Vec3],
+        turned: &[bool],
+        progress: &dyn Progress,
+    ) -> Result<BTreeSet<usize>, Cancelled> {
+        let places32: Vec<Vec3> = places
+            .par_iter()
+            .map(|p| p.map(|c| f64::from(c as f32)))
+            .collect();
+        let mut triangles = Vec::with_capacity(2 * turned.len());
+        for (n, (&quad, &turned)) in self.quads().iter().zip(turned).enumerate() {
+            let [a, b, c, d] = quad.map(|v| places32[v as usize]);
+            let both = if turned {
+                [[a, b, d], [b, c, d]]
+            } else {
+                [[a, b, c], [a, c, d]]
+            };
+            let count = if quad[2] == quad[3] { 1 } else { 2 };
+            triangles.extend(both.into_iter().take(count).map(|t| (t, n as u32)));
+        }
+        let pairs = meeting_pairs(&Soup::new(&triangles), progress)?;
+        let corners = pairs.as_flattened().iter();
+        let corners = corners.flat_map(|&n| self.quads()[n as usize]);
+        let moved = |&v: &usize| places[v] != self.vertices()[v];
+        Ok(corners.map(|v| v as usize).filter(moved).collect())
     }
 }
 

@@ -6,10 +6,12 @@ use super::operate::Bench;
 use super::output::Finished;
 use super::report::MeshFacts;
 use super::shape::shape;
-use crate::frame::LengthUnit;
+use crate::field::WorldField;
+use crate::frame::{LengthUnit, WorldPoint};
 use crate::io::{MeshView, write_beams, write_mesh};
 use crate::mesh::{Projection, QuadMesh, TriMesh};
-use crate::recipe::Output;
+use crate::recipe::{MesherWord, Output};
+use rayon::prelude::*;
 use std::borrow::Cow;
 use std::path::Path;
 
@@ -46,17 +48,18 @@ pub(super) fn write(
         return Ok(Some(facts));
     }
     let adaptivity = output.adaptivity.map_or(0.0, |a| a.0);
-    let is_plain = !(output.quads || output.project || output.sharp) && adaptivity == 0.0;
-    let mut surface = if is_plain {
-        Surface::Triangles(Cow::Borrowed(plain))
-    } else {
-        let failed = RunError::level_set("mesh");
+    let foreign = output.mesher == Some(MesherWord::OpenVdb);
+    let of_quads = output.quads || output.sharp || adaptivity > 0.0 || foreign;
+    let exact = (output.project || output.sharp)
+        .then(|| shape(done.stock, bench.scale))
+        .transpose()?;
+    let failed = RunError::level_set("mesh");
+    let mut surface = if of_quads {
         let mut mesh = done
             .solid
             .to_quads(adaptivity, bench.session())
             .map_err(failed)?;
-        if output.project || output.sharp {
-            let exact = shape(done.stock, bench.scale)?;
+        if let Some(exact) = exact {
             let how = Projection {
                 voxel_size: bench.scale.voxel_size,
                 sharp: output.sharp,
@@ -73,6 +76,17 @@ pub(super) fn write(
         } else {
             Surface::Triangles(Cow::Owned(mesh.into_triangles()))
         }
+    } else if let Some(exact) = exact {
+        let mesh = done
+            .solid
+            .to_mesh_on(&*exact.field, bench.session())
+            .map_err(failed)?;
+        facts.creased = Some(0);
+        facts.kept = Some(0);
+        facts.error = Some(bench.threads.install(|| farthest(&mesh, &*exact.field)));
+        Surface::Triangles(Cow::Owned(mesh))
+    } else {
+        Surface::Triangles(Cow::Borrowed(plain))
     };
     if let (Some(wish), Surface::Triangles(mesh)) = (&output.decimate, &surface) {
         bench.progress.stage("decimate", None);
@@ -89,4 +103,12 @@ pub(super) fn write(
     bench.progress.stage("write", None);
     write_mesh(path, view, unit)?;
     Ok(Some(facts))
+}
+
+/// Greatest magnitude of a field at the vertices of a mesh.
+fn farthest(mesh: &TriMesh, field: &WorldField) -> f64 {
+    let vertices = mesh.vertices().par_iter().with_min_len(256);
+    vertices
+        .map(|&v| field.value(WorldPoint(v)).abs())
+        .reduce(|| 0.0, f64::max)
 }

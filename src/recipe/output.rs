@@ -49,6 +49,9 @@ pub struct Output {
     pub compression: Option<Compression>,
     /// Write the mesh (.ply, .obj) in quads instead of triangles.
     pub quads: bool,
+    /// What makes the mesh: "druse" (when left out; no triangles meet where they should not) or "openvdb".
+    /// Quads, adaptivity and sharp are always OpenVDB's.
+    pub mesher: Option<MesherWord>,
     /// Move the mesh's vertices onto the exact field: their error goes from a fraction of a voxel to
     /// nothing. For solids of fields only, before anything that needs neighbours.
     pub project: bool,
@@ -93,6 +96,36 @@ pub enum Segments {
     Grids,
     /// Files of their own: `NAME_1.vdb`, the largest piece, and so on.
     Files,
+}
+
+/// What makes the triangles of a mesh.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum MesherWord {
+    /// Marching cubes of this program: closed, oriented, manifold, not self-intersecting.
+    Druse,
+    /// OpenVDB's volumeToMesh, as other programs have it.
+    OpenVdb,
+}
+
+impl MesherWord {
+    /// The word.
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::Druse => "druse",
+            Self::OpenVdb => "openvdb",
+        }
+    }
+}
+
+impl FromStr for MesherWord {
+    type Err = String;
+    fn from_str(s: &str) -> Result<Self, String> {
+        [Self::Druse, Self::OpenVdb]
+            .into_iter()
+            .find(|m| m.word() == s)
+            .ok_or_else(|| format!("found {s:?}, expected druse or openvdb"))
+    }
 }
 
 /// How values are compressed in a .vdb.

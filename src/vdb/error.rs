@@ -47,6 +47,9 @@ pub enum VdbError {
     /// A mesh is too large to be numbered, or cannot be a mesh.
     #[error(transparent)]
     Mesh(#[from] crate::mesh::MeshError),
+    /// A part of a level set has no mesh.
+    #[error(transparent)]
+    Mesher(crate::mesher::MesherError),
     /// OpenVDB refused.
     #[error("OpenVDB failed in {doing}: {reason}")]
     OpenVdb {
@@ -55,6 +58,16 @@ pub enum VdbError {
         /// Its own words.
         reason: String,
     },
+}
+
+impl From<crate::mesher::MesherError> for VdbError {
+    fn from(error: crate::mesher::MesherError) -> Self {
+        match error {
+            crate::mesher::MesherError::Cancelled(c) => Self::Cancelled(c),
+            crate::mesher::MesherError::Mesh(e) => Self::Mesh(e),
+            error => Self::Mesher(error),
+        }
+    }
 }
 
 impl VdbError {

@@ -295,12 +295,10 @@ mod bridge {
             host: &Host<'_>,
         ) -> Result<()>;
 
-        /// World units; wound clockwise seen from outside. `far` is the greatest coordinate of the whole
-        /// of which the grid is a part; 0 where it is the whole.
+        /// World units; wound clockwise seen from outside.
         fn grid_to_mesh(
             grid: &Grid,
             adaptivity: f64,
-            far: f64,
             host: &Host<'_>,
         ) -> Result<UniquePtr<Surface>>;
         fn points(self: &Surface) -> &[f32];

@@ -1,19 +1,80 @@
-//! Level set to mesh and back. The winding is turned here and nowhere else: OpenVDB's quads run
-//! clockwise seen from outside.
+//! Level set to mesh and back. The winding of OpenVDB's meshes is turned here and nowhere else: its quads
+//! run clockwise seen from outside.
 
 use super::{LevelSet, Session, VdbError, ffi};
 use crate::band::Region;
-use crate::frame::{Coord, Transform, Vec3};
+use crate::field::WorldField;
+use crate::frame::{Transform, Vec3};
 use crate::mesh::{QuadMesh, TriMesh};
+use crate::mesher::{LeafValues, Mesher, MesherError, Patch};
 
 impl LevelSet {
-    /// The zero set as triangles, counter-clockwise seen from outside, in world units: the quads of
+    /// The zero set as triangles, counter-clockwise seen from outside, in world units, by
+    /// [`Mesher`]: closed, oriented, manifold and free of self-intersections. Of a level set that is no
+    /// whole narrow band (its surface runs along tiles, as files of others may have it) the quads of
     /// [`LevelSet::to_quads`], cut along their shorter diagonals.
     ///
     /// # Errors
-    /// As [`LevelSet::to_quads`].
+    /// [`VdbError::Cancelled`], or what OpenVDB refuses (memory).
     pub fn to_mesh(&self, session: Session<'_>) -> Result<TriMesh, VdbError> {
-        Ok(self.to_quads(0.0, session)?.into_triangles())
+        let leaves = self.leaves()?;
+        let mesher = Mesher::new(self.transform).placed(self.origin);
+        let made = session
+            .threads
+            .install(|| mesher.mesh(&values(&leaves), session.progress));
+        match made {
+            Ok(mesh) => Ok(mesh),
+            Err(MesherError::Torn { .. }) => Ok(self.to_quads(0.0, session)?.into_triangles()),
+            Err(e) => Err(e.into()),
+        }
+    }
+
+    /// As [`LevelSet::to_mesh`], with vertices where a field vanishes, of which the level set is a sample.
+    ///
+    /// # Errors
+    /// As [`LevelSet::to_mesh`], and [`VdbError::Mesher`] of a level set that is no whole narrow band.
+    pub fn to_mesh_on(
+        &self,
+        field: &WorldField,
+        session: Session<'_>,
+    ) -> Result<TriMesh, VdbError> {
+        let leaves = self.leaves()?;
+        let mesher = Mesher::new(self.transform).placed(self.origin).on(field);
+        let made = session
+            .threads
+            .install(|| mesher.mesh(&values(&leaves), session.progress));
+        Ok(made?)
+    }
+
+    /// The part of [`LevelSet::to_mesh`] whose cells have their least voxel in a region of whole leaves,
+    /// of a larger level set, of which this is a part with the leaves above it. Regions that share no
+    /// voxel share no triangle, and together they have all; vertices at their seams are equal to the last
+    /// bit if each was made with the same `far`, the greatest coordinate of the whole in world units.
+    ///
+    /// # Errors
+    /// As [`LevelSet::to_mesh`], and [`VdbError::Mesher`] where leaves are missing.
+    pub fn patch(&self, region: Region, far: f64, session: Session<'_>) -> Result<Patch, VdbError> {
+        let leaves = self.leaves()?;
+        let mesher = Mesher::new(self.transform).placed(self.origin);
+        let mesher = mesher.reaching(far);
+        let made = session
+            .threads
+            .install(|| mesher.patch(&values(&leaves), region, session.progress));
+        Ok(made?)
+    }
+
+    /// The triangles of [`LevelSet::patch`].
+    ///
+    /// # Errors
+    /// As [`LevelSet::patch`].
+    pub fn triangles_of(
+        &self,
+        region: Region,
+        far: f64,
+        session: Session<'_>,
+    ) -> Result<TriMesh, VdbError> {
+        let patch = self.patch(region, far, session)?;
+        Ok(TriMesh::new(patch.vertices, patch.triangles)?)
     }
 
     /// The zero set as quadrilaterals, counter-clockwise seen from outside, in world units: one for each
@@ -36,7 +97,7 @@ impl LevelSet {
                 expected: "0 to 1",
             });
         }
-        let surface = ffi::grid_to_mesh(&self.grid, adaptivity, 0.0, &session.host())
+        let surface = ffi::grid_to_mesh(&self.grid, adaptivity, &session.host())
             .map_err(|e| VdbError::of("meshing", session, &e))?;
         let vertices: Vec<Vec3> = surface
             .points()
@@ -47,42 +108,6 @@ impl LevelSet {
         let quads = quads.collect();
         drop(surface);
         Ok(QuadMesh::new(vertices, quads)?)
-    }
-
-    /// The triangles of [`LevelSet::to_mesh`] that belong to a region of a larger level set, of which
-    /// this is a part: of each quadrilateral the voxel of its least corner decides. Regions that share
-    /// no voxel share no triangle, and together they have all; corners at their seams are equal to the
-    /// last bit, if each was meshed with the leaves around it and the same `far`, the greatest
-    /// coordinate of the whole in world units.
-    ///
-    /// # Errors
-    /// As [`LevelSet::to_mesh`].
-    pub fn triangles_of(
-        &self,
-        region: Region,
-        far: f64,
-        session: Session<'_>,
-    ) -> Result<TriMesh, VdbError> {
-        let surface = ffi::grid_to_mesh(&self.grid, 0.0, far, &session.host())
-            .map_err(|e| VdbError::of("meshing", session, &e))?;
-        let (points, h) = (surface.points(), self.voxel_size());
-        let at = |i: u32| {
-            let p = &points[3 * i as usize..][..3];
-            Vec3::new(p[0].into(), p[1].into(), p[2].into())
-        };
-        let (mut vertices, mut quads) = (Vec::new(), Vec::new());
-        for q in surface.quads().chunks_exact(4).filter_map(turned) {
-            let corners = q.map(at);
-            let least = corners[1..].iter().fold(corners[0], |a, b| a.inf(b));
-            let voxel = ((least - self.origin) / h).map(|c| c.floor() as i32);
-            if region.meets(Coord(voxel.into()), 1) {
-                let first = vertices.len() as u32;
-                let last = if q[2] == q[3] { 2 } else { 3 };
-                vertices.extend(corners);
-                quads.push([first, first + 1, first + 2, first + last]);
-            }
-        }
-        Ok(QuadMesh::new(vertices, quads)?.into_triangles())
     }
 
     /// The level set of a closed mesh by OpenVDB's own meshToVolume: a second opinion for tests and
@@ -119,6 +144,15 @@ impl LevelSet {
             half_width,
         })
     }
+}
+
+/// Leaves as the mesher takes them.
+fn values<'a>(leaves: &'a super::Leaves<'_>) -> Vec<LeafValues<'a>> {
+    let value = |leaf: super::LeafView<'a>| LeafValues {
+        origin: leaf.origin,
+        values: leaf.values,
+    };
+    leaves.iter().map(value).collect()
 }
 
 /// A quadrilateral of OpenVDB's, turned: its order is the reverse, and its triangles repeat their last

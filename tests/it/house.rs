@@ -27,9 +27,12 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ),
     ("band", &["field", "frame", "progress"]),
     ("slice", &["field", "frame"]),
+    ("mesher", &["field", "frame", "mesh", "band", "progress"]),
     (
         "vdb",
-        &["frame", "field", "mesh", "band", "progress", "sets"],
+        &[
+            "frame", "field", "mesh", "mesher", "band", "progress", "sets",
+        ],
     ),
     ("io", &["mesh", "scaffold", "cell", "frame", "polymesh"]),
     (
@@ -41,8 +44,8 @@ const MAY_USE: &[(&str, &[&str])] = &[
     (
         "pipeline",
         &[
-            "frame", "progress", "field", "mesh", "cell", "scaffold", "tiling", "band", "slice",
-            "vdb", "io", "recipe", "symmetry", "polymesh",
+            "frame", "progress", "field", "mesh", "cell", "scaffold", "tiling", "band", "mesher",
+            "slice", "vdb", "io", "recipe", "symmetry", "polymesh",
         ],
     ),
     (

@@ -10,6 +10,7 @@ mod house;
 mod io;
 mod malformed;
 mod mesh;
+mod mesher;
 mod polymesh;
 mod recipe;
 mod scaffold;

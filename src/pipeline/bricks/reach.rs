@@ -1,6 +1,6 @@
 //! How far operations look: the halo that a brick is sampled with.
 
-use crate::recipe::{GridWord, Kernel, Op, Output, OutputKind, Recipe, Size};
+use crate::recipe::{GridWord, Kernel, MesherWord, Op, Output, OutputKind, Recipe, Size};
 
 /// Voxels that a step of tracking reaches with the scheme of first order, and of fifth: three sweeps
 /// of the stencil and the voxel that the band grows by.
@@ -110,7 +110,8 @@ pub(crate) fn refusal(recipe: &Recipe) -> Option<String> {
 /// Whether a mesh is more than the triangles of the level set.
 fn refined(o: &Output) -> bool {
     let better = o.project || o.sharp || o.quads || o.beams;
-    better || o.adaptivity.is_some() || o.decimate.is_some() || o.grids.is_some()
+    let foreign = o.mesher == Some(MesherWord::OpenVdb);
+    better || foreign || o.adaptivity.is_some() || o.decimate.is_some() || o.grids.is_some()
 }
 
 /// Whether a volume holds more than the level set.

@@ -5,7 +5,7 @@ use crate::recipe::Sections;
 use crate::recipe::grid_word::GridWord;
 use crate::recipe::op::Op;
 use crate::recipe::operand::Operand;
-use crate::recipe::output::{Output, OutputKind};
+use crate::recipe::output::{MesherWord, Output, OutputKind};
 use crate::recipe::source::Source;
 
 pub(super) fn outputs(sections: &Sections, source: &Source) -> Checked {
@@ -57,7 +57,7 @@ pub(super) fn outputs(sections: &Sections, source: &Source) -> Checked {
         }
         let (vdb, mesh, picture) = (OutputKind::Vdb, OutputKind::Mesh, OutputKind::Picture);
         // Keys, whether they are given, and the files that they are for.
-        let owned: [(&str, bool, &[OutputKind]); 15] = [
+        let owned: [(&str, bool, &[OutputKind]); 16] = [
             ("fog", output.fog, &[vdb]),
             ("lod", output.lod.is_some(), &[vdb]),
             ("segments", output.segments.is_some(), &[vdb]),
@@ -69,6 +69,7 @@ pub(super) fn outputs(sections: &Sections, source: &Source) -> Checked {
             ("unit", output.unit.is_some(), &[vdb, mesh]),
             ("quads", output.quads, &[mesh]),
             ("beams", output.beams, &[mesh]),
+            ("mesher", output.mesher.is_some(), &[mesh]),
             ("project", output.project, &[mesh]),
             ("sharp", output.sharp, &[mesh]),
             ("adaptivity", output.adaptivity.is_some(), &[mesh]),
@@ -227,6 +228,11 @@ fn of_mesh(
     if output.quads && output.decimate.is_some() {
         let message = "decimate makes triangles; expected it without quads";
         return fault("decimate", message.into());
+    }
+    let quads = output.quads || output.sharp || output.adaptivity.is_some();
+    if output.mesher == Some(MesherWord::Druse) && quads {
+        let message = "quads, sharp and adaptivity are OpenVDB's; expected mesher without them";
+        return fault("mesher", message.into());
     }
     let exact = match (output.sharp, output.project) {
         (true, _) => "sharp",

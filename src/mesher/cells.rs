@@ -1,0 +1,146 @@
+//! Triangles of the cells, leaf by leaf.
+
+use super::MesherError;
+use super::cases::{CASES, EDGES, Loop, edge_base};
+use super::sheet::{BATCH, Corners, FIRST_COLUMN, FIRST_ROW, Sheet, mixed};
+use crate::frame::Vec3;
+use crate::progress::{Cancelled, Progress};
+use rayon::prelude::*;
+
+/// All triangles in the order of their leaves.
+pub(super) fn triangles(
+    sheet: &Sheet,
+    vertices: &[Vec3],
+    progress: &dyn Progress,
+) -> Result<Vec<[u32; 3]>, MesherError> {
+    let own = &sheet.order[..sheet.owned[0]];
+    progress.stage("triangles", Some(own.len() as u64));
+    let parts: Vec<Vec<[u32; 3]>> = own
+        .par_chunks(BATCH)
+        .map(|part| {
+            let mut triangles = Vec::new();
+            let mut numbers = Numbers([0; 3 * AXIS]);
+            for &n in part {
+                if progress.cancelled() {
+                    return Err(Cancelled);
+                }
+                of_leaf(sheet, n as usize, vertices, &mut numbers, &mut triangles);
+            }
+            progress.advance(part.len() as u64);
+            Ok(triangles)
+        })
+        .collect::<Result<_, _>>()?;
+    Ok(parts.concat())
+}
+
+/// Voxels along a leaf's edge with the first of the next, and edges along one axis of all of them.
+const SIDE: usize = 9;
+const AXIS: usize = SIDE * SIDE * SIDE;
+
+/// Where the edges of a cell stand in [`Numbers`], from the cell's place on.
+const EDGE_AT: [usize; EDGES] = {
+    let mut at = [0; EDGES];
+    let mut e = 0;
+    while e < EDGES {
+        let ([x, y, z], axis) = edge_base(e);
+        at[e] = axis * AXIS + slot(x, y, z);
+        e += 1;
+    }
+    at
+};
+
+const fn slot(x: usize, y: usize, z: usize) -> usize {
+    (x * SIDE + y) * SIDE + z
+}
+
+/// The numbers of the vertices on all edges of a leaf's cells; only of crossed edges do they mean
+/// something.
+struct Numbers([u32; 3 * AXIS]);
+
+impl Numbers {
+    fn enter(&mut self, sheet: &Sheet, n: usize) {
+        for offset in 0..8 {
+            let Some(leaf) = sheet.places[n].upper(offset) else {
+                continue;
+            };
+            let up = [offset >> 2, offset >> 1 & 1, offset & 1];
+            let row = if up[1] == 1 { FIRST_ROW } else { u64::MAX };
+            let column = if up[2] == 1 { FIRST_COLUMN } else { u64::MAX };
+            let edges = &sheet.edges[leaf];
+            // Edges that begin beyond the cells along their axis are no sides of them.
+            for axis in (0..3).filter(|&a| up[a] == 0) {
+                for x in 0..if up[0] == 1 { 1 } else { 8 } {
+                    let word = 8 * axis + x;
+                    let mut bits = edges.masks[word] & row & column;
+                    let base = axis * AXIS + slot(x + 8 * up[0], 8 * up[1], 8 * up[2]);
+                    while bits != 0 {
+                        let bit = bits.trailing_zeros() as usize;
+                        bits &= bits - 1;
+                        self.0[base + slot(0, bit >> 3, bit & 7)] = edges.number(word, bit);
+                    }
+                }
+            }
+        }
+    }
+}
+
+fn of_leaf(
+    sheet: &Sheet,
+    n: usize,
+    vertices: &[Vec3],
+    numbers: &mut Numbers,
+    triangles: &mut Vec<[u32; 3]>,
+) {
+    let cases = &**CASES;
+    let corners = sheet.corners(n);
+    numbers.enter(sheet, n);
+    for x in 0..8 {
+        let mut cells = mixed(&corners[x]) | mixed(&corners[x + 1]);
+        cells |= corners[x][0] ^ corners[x + 1][0];
+        while cells != 0 {
+            let bit = cells.trailing_zeros() as usize;
+            cells &= cells - 1;
+            let cell = slot(x, bit >> 3, bit & 7);
+            for l in cases[case(&corners, x, bit)].loops() {
+                let number = |edge: u8| numbers.0[cell + EDGE_AT[usize::from(edge)]];
+                fan(l, number, vertices, triangles);
+            }
+        }
+    }
+}
+
+/// Which corners of a cell are inside.
+fn case(corners: &Corners, x: usize, bit: usize) -> usize {
+    let mut case = 0;
+    for c in 0..4 {
+        case |= (corners[x][c] >> bit & 1) << c;
+        case |= (corners[x + 1][c] >> bit & 1) << (c + 4);
+    }
+    case as usize
+}
+
+/// Cuts a loop into triangles around the vertex whose diagonals are shortest.
+fn fan(l: &Loop, number: impl Fn(u8) -> u32, vertices: &[Vec3], triangles: &mut Vec<[u32; 3]>) {
+    let len = l.edges().len();
+    let mut numbers = [0; 7];
+    for (own, &edge) in numbers.iter_mut().zip(l.edges()) {
+        *own = number(edge);
+    }
+    let mut apex = 0;
+    if len > 3 {
+        let at = |i: usize| vertices[numbers[i % len] as usize];
+        let mut least = f64::INFINITY;
+        for a in (0..len).filter(|a| l.apexes >> a & 1 == 1) {
+            let from = at(a);
+            let sum: f64 = (2..len - 1)
+                .map(|i| (at(a + i) - from).norm_squared())
+                .sum();
+            if sum < least {
+                (apex, least) = (a, sum);
+            }
+        }
+    }
+    for i in 1..len - 1 {
+        triangles.push([apex, apex + i, apex + i + 1].map(|i| numbers[i % len]));
+    }
+}
