@@ -20,10 +20,14 @@ mod workloads {
     pub mod child;
     pub mod clock;
     pub mod figure;
+    #[cfg(feature = "vdb")]
+    pub mod mesher;
     pub mod reader;
     pub mod w1;
 }
 use workloads::figure::{FIGURES, Found, asks_for, object, table};
+#[cfg(feature = "vdb")]
+use workloads::mesher;
 use workloads::{child, w1};
 
 /// What the command line asks for.
@@ -60,6 +64,11 @@ const SUBJECTS: &[Subject] = &[
     Subject {
         keys: &["P9", "P9.padding", "P10", "P10.evaluated"],
         measure: w1::growth,
+    },
+    #[cfg(feature = "vdb")]
+    Subject {
+        keys: &["P14", "P17.mesh"],
+        measure: mesher::against_open_vdb,
     },
     Subject {
         keys: &["P17.w1"],

@@ -100,6 +100,15 @@ impl W1 {
             .expect("the field is finite and the sinks take all")
     }
 
+    /// Its level set in OpenVDB.
+    #[cfg(feature = "vdb")]
+    pub fn level_set(&self) -> Result<druse::vdb::LevelSet, Fault> {
+        let transform = Transform::new(self.gyroid.voxel_size()).ok_or("no voxel size")?;
+        let builder = druse::vdb::LevelSetBuilder::new(transform, 3.0)?;
+        self.to(&builder, &self.one);
+        Ok(builder.finish(druse::vdb::Session::new(&self.one, &Silent))?)
+    }
+
     /// One pass, every value read.
     pub fn read(&self) {
         let reader = Reader::default();
@@ -154,23 +163,12 @@ pub fn through_the_bridge(setting: &Setting) -> Result<Vec<Found>, Fault> {
     let w1 = W1::new(setting.full)?;
     let h = w1.gyroid.voxel_size();
     let session = Session::new(&w1.one, &Silent);
-    let built = |fill: &dyn Fn(&LevelSetBuilder) -> Result<(), Fault>| -> Result<LevelSet, Fault> {
+    let ours = || w1.level_set();
+    let theirs = || -> Result<LevelSet, Fault> {
         let transform = Transform::new(h).ok_or("no voxel size")?;
         let builder = LevelSetBuilder::new(transform, 3.0)?;
-        fill(&builder)?;
+        baselines::callback_to_sink(w1.gyroid.at, h as f32, &builder)?;
         Ok(builder.finish(session)?)
-    };
-    let ours = || {
-        built(&|builder| {
-            w1.to(builder, &w1.one);
-            Ok(())
-        })
-    };
-    let theirs = || {
-        built(&|builder| {
-            baselines::callback_to_sink(w1.gyroid.at, h as f32, builder)?;
-            Ok(())
-        })
     };
     let reader = Reader::default();
     w1.to(&reader, &w1.one);
