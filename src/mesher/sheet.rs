@@ -314,7 +314,7 @@ fn places(leaves: &[LeafValues], part: &[LeafValues], region: Region) -> Vec<Pla
     for offset in 0..8 {
         let step = [offset >> 2, offset >> 1 & 1, offset & 1].map(|d| d as i32 * LEAF);
         walk(step, &mut |place, _, n| {
-            place.upper[offset] = n.unwrap_or(NONE)
+            place.upper[offset] = n.unwrap_or(NONE);
         });
     }
     for axis in 0..3 {
