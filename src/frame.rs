@@ -56,10 +56,17 @@ impl Coord {
         Self(self.0.map(|c| c & !(edge - 1)))
     }
 
-    /// This voxel moved by (x, y, z).
+    /// This voxel moved by (x, y, z). Index space is a ring of 2^32 voxels along each axis, as it is to
+    /// OpenVDB: a damaged file may hold leaves at its very end.
+    ///
+    /// ```
+    /// use druse::frame::Coord;
+    /// assert_eq!(Coord::new(0, 1, i32::MAX).offset(-1, 1, 8), Coord::new(-1, 2, i32::MIN + 7));
+    /// ```
     #[must_use]
     pub fn offset(self, x: i32, y: i32, z: i32) -> Self {
-        Self([self.0[0] + x, self.0[1] + y, self.0[2] + z])
+        let [i, j, k] = self.0;
+        Self([i.wrapping_add(x), j.wrapping_add(y), k.wrapping_add(z)])
     }
 }
 

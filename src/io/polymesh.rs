@@ -231,10 +231,12 @@ impl Draft {
             std::collections::HashMap::new();
         let mut number = Vec::with_capacity(self.vertices.len());
         for (v, p) in self.vertices.iter().enumerate() {
-            let [x, y, z] = cell(p);
+            let own_cell = cell(p);
             let mut near = None;
             for n in 0..27i64 {
-                let key = [x + n % 3 - 1, y + n / 3 % 3 - 1, z + n / 9 - 1];
+                // Coordinates beyond all cells share the last.
+                let step = [n % 3 - 1, n / 3 % 3 - 1, n / 9 - 1];
+                let key: [i64; 3] = std::array::from_fn(|a| own_cell[a].saturating_add(step[a]));
                 let list = cells.get(&key).map_or(&[][..], Vec::as_slice);
                 let close = |w: &&u32| (self.vertices[**w as usize] - p).norm() < distance;
                 near = near.or_else(|| list.iter().find(close).copied());
@@ -242,7 +244,7 @@ impl Draft {
             let own = v as u32;
             number.push(near.unwrap_or(own));
             if near.is_none() {
-                cells.entry([x, y, z]).or_default().push(own);
+                cells.entry(own_cell).or_default().push(own);
             }
         }
         let mut faces = Faces::default();
