@@ -24,6 +24,7 @@ mod facets;
 mod graph;
 mod inp;
 mod mesh_file;
+mod mesh_stream;
 mod mesh_view;
 mod msh;
 mod mtl;
@@ -48,6 +49,7 @@ pub use crystal::{DiskFiles, carry_out, read_crystal, read_script, script_fault}
 pub use error::{ErrorClass, Place, ReadError, WriteError};
 pub use graph::read_skeleton;
 pub use mesh_file::{MeshFile, MeshFormat, is_point_cloud, read_mesh, sniff, write_mesh};
+pub use mesh_stream::{MeshPart, MeshStream};
 pub use mesh_view::{Faces, MeshView, VertexAttribute};
 pub use npy::{NpyArray, read_npy};
 pub use polymesh::{read_polymesh, write_legacy_obj, write_polymesh};

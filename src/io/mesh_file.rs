@@ -244,9 +244,9 @@ pub fn write_mesh<'a>(
     };
     let written = match format {
         MeshFormat::Stl => stl::write(&mut file, mesh, unit),
-        MeshFormat::Ply => ply::write(&mut file, mesh, unit),
-        MeshFormat::Obj => obj::write(&mut file, mesh, unit),
-        MeshFormat::ThreeMf => threemf::write(&mut file, mesh, unit),
+        MeshFormat::Ply => ply::write(&mut file, &mut { *mesh }, unit),
+        MeshFormat::Obj => obj::write(&mut file, &mut { *mesh }, unit),
+        MeshFormat::ThreeMf => threemf::write(&mut file, &mut { *mesh }, unit),
     };
     written.map_err(|e| file.failed(e))?;
     file.commit()

@@ -2,6 +2,36 @@
 
 use crate::frame::Vec3;
 use crate::mesh::{QuadMesh, TriMesh};
+use std::io;
+
+/// What the writers of mesh files pass over once: vertices, then faces.
+pub(super) trait Rows {
+    /// Vertices and faces.
+    fn counts(&self) -> [u64; 2];
+    /// Numbers at the vertices.
+    fn attributes(&self) -> &[VertexAttribute] {
+        &[]
+    }
+    /// Every vertex in order, scaled.
+    fn each_vertex(&mut self, visit: &mut dyn FnMut(Vec3) -> io::Result<()>) -> io::Result<()>;
+    /// The corners of every face in order, three or four.
+    fn each_face(&mut self, visit: &mut dyn FnMut(&[u32]) -> io::Result<()>) -> io::Result<()>;
+}
+
+impl Rows for MeshView<'_> {
+    fn counts(&self) -> [u64; 2] {
+        [self.vertices.len(), self.faces.len()].map(|n| n as u64)
+    }
+    fn attributes(&self) -> &[VertexAttribute] {
+        self.attributes
+    }
+    fn each_vertex(&mut self, visit: &mut dyn FnMut(Vec3) -> io::Result<()>) -> io::Result<()> {
+        self.points().try_for_each(visit)
+    }
+    fn each_face(&mut self, visit: &mut dyn FnMut(&[u32]) -> io::Result<()>) -> io::Result<()> {
+        (0..self.faces.len()).try_for_each(|face| visit(self.faces.corners(face)))
+    }
+}
 
 /// Faces over shared vertices, counter-clockwise seen from outside.
 #[derive(Clone, Copy, Debug)]

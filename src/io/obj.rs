@@ -1,9 +1,10 @@
 //! Wavefront OBJ: text; only vertices and faces are read, polygons become triangles.
 
 use super::mesh_file::MeshFile;
+use super::mesh_view::Rows;
 use super::polygon::Polygons;
 use super::source::quote;
-use super::{MeshView, ReadError, Source};
+use super::{ReadError, Source};
 use crate::frame::{LengthUnit, Vec3};
 use std::io::{self, Write};
 
@@ -106,17 +107,14 @@ pub(super) fn read(mut source: Source) -> Result<MeshFile, ReadError> {
 }
 
 /// Writes text with numbers that read back exactly.
-pub(super) fn write(out: &mut dyn Write, mesh: &MeshView, unit: LengthUnit) -> io::Result<()> {
+pub(super) fn write(out: &mut dyn Write, rows: &mut dyn Rows, unit: LengthUnit) -> io::Result<()> {
     writeln!(out, "# druse unit={unit}")?;
-    for v in mesh.points() {
-        writeln!(out, "v {:?} {:?} {:?}", v.x, v.y, v.z)?;
-    }
-    for face in 0..mesh.faces.len() {
+    rows.each_vertex(&mut |v| writeln!(out, "v {:?} {:?} {:?}", v.x, v.y, v.z))?;
+    rows.each_face(&mut |corners| {
         write!(out, "f")?;
-        for &v in mesh.faces.corners(face) {
+        for &v in corners {
             write!(out, " {}", u64::from(v) + 1)?;
         }
-        writeln!(out)?;
-    }
-    Ok(())
+        writeln!(out)
+    })
 }

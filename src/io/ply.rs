@@ -5,6 +5,7 @@
 
 use super::cloud::PointFile;
 use super::mesh_file::MeshFile;
+use super::mesh_view::Rows;
 use super::polygon::Polygons;
 use super::source::quote;
 use super::{Faces, MeshView, Place, ReadError, Source};
@@ -427,23 +428,22 @@ impl<'a> Row<'a> {
     }
 }
 
-fn head(mesh: &MeshView, unit: LengthUnit) -> String {
+fn head(rows: &dyn Rows, unit: LengthUnit) -> String {
+    let [vertices, faces] = rows.counts();
     // Most readers take `int`; only giants need the other half of the range.
-    let index = if i32::try_from(mesh.vertices.len()).is_ok() {
+    let index = if i32::try_from(vertices).is_ok() {
         "int"
     } else {
         "uint"
     };
-    let names = mesh.attributes.iter().flat_map(|a| &a.names);
+    let names = rows.attributes().iter().flat_map(|a| &a.names);
     let extra = names.fold(String::new(), |all, name| {
         all + "property float " + name + "\n"
     });
     format!(
-        "ply\nformat binary_little_endian 1.0\ncomment druse unit={unit}\nelement vertex {}\n\
-         property float x\nproperty float y\nproperty float z\n{extra}element face {}\n\
-         property list uchar {index} vertex_indices\nend_header\n",
-        mesh.vertices.len(),
-        mesh.faces.len()
+        "ply\nformat binary_little_endian 1.0\ncomment druse unit={unit}\nelement vertex {vertices}\n\
+         property float x\nproperty float y\nproperty float z\n{extra}element face {faces}\n\
+         property list uchar {index} vertex_indices\nend_header\n"
     )
 }
 
@@ -463,26 +463,27 @@ pub(super) fn size(mesh: &MeshView, unit: LengthUnit) -> u64 {
 }
 
 /// Writes binary PLY, little-endian.
-pub(super) fn write(out: &mut dyn Write, mesh: &MeshView, unit: LengthUnit) -> io::Result<()> {
-    out.write_all(head(mesh, unit).as_bytes())?;
+pub(super) fn write(out: &mut dyn Write, rows: &mut dyn Rows, unit: LengthUnit) -> io::Result<()> {
+    out.write_all(head(rows, unit).as_bytes())?;
     let mut row = Vec::new();
-    for (n, v) in mesh.points().enumerate() {
+    let attributes = rows.attributes().to_vec();
+    let mut n = 0;
+    rows.each_vertex(&mut |v| {
         row.clear();
         for c in [v.x, v.y, v.z] {
             row.extend((c as f32).to_le_bytes());
         }
-        for a in mesh.attributes {
+        for a in &attributes {
             let own = &a.values[n * a.names.len()..(n + 1) * a.names.len()];
             row.extend(own.iter().flat_map(|c| c.to_le_bytes()));
         }
-        out.write_all(&row)?;
-    }
-    for face in 0..mesh.faces.len() {
-        let corners = mesh.faces.corners(face);
+        n += 1;
+        out.write_all(&row)
+    })?;
+    rows.each_face(&mut |corners| {
         row.clear();
         row.push(corners.len() as u8);
         row.extend(corners.iter().flat_map(|c| c.to_le_bytes()));
-        out.write_all(&row)?;
-    }
-    Ok(())
+        out.write_all(&row)
+    })
 }

@@ -1,5 +1,7 @@
 //! Laws of `io`: what is written reads back; errors say where; outputs appear whole or not at all.
 
+mod stream;
+
 use druse::frame::{LengthUnit, Vec3};
 use druse::io::atomic::{AtomicFile, StagedPath, write_bytes};
 use druse::io::{ErrorClass, MeshFile, Place, ReadError, WriteError, read_mesh, write_mesh};

@@ -1,7 +1,8 @@
 //! Writing 3MF: a zip archive of one model, in triangles or in beams.
 
 use crate::frame::{LengthUnit, Vec3};
-use crate::io::{BeamLattice, Faces, MeshView};
+use crate::io::BeamLattice;
+use crate::io::mesh_view::Rows;
 use std::io::{self, Seek, Write};
 use zip::{CompressionMethod, ZipWriter, write::SimpleFileOptions};
 
@@ -57,37 +58,32 @@ fn package<W: Write + Seek>(
     Ok(())
 }
 
-fn vertices(xml: &mut dyn Write, points: impl Iterator<Item = Vec3>) -> io::Result<()> {
-    writeln!(xml, "<vertices>")?;
-    for v in points {
-        // As many digits as f32 needs, with an exponent where that is shorter: xs:double.
-        let [x, y, z] = [v.x, v.y, v.z].map(|c| c as f32);
-        writeln!(xml, "<vertex x=\"{x:?}\" y=\"{y:?}\" z=\"{z:?}\"/>")?;
-    }
-    writeln!(xml, "</vertices>")
+fn vertex(xml: &mut dyn Write, v: Vec3) -> io::Result<()> {
+    // As many digits as f32 needs, with an exponent where that is shorter: xs:double.
+    let [x, y, z] = [v.x, v.y, v.z].map(|c| c as f32);
+    writeln!(xml, "<vertex x=\"{x:?}\" y=\"{y:?}\" z=\"{z:?}\"/>")
 }
 
-/// Writes one object; triangles that name a vertex twice, which the format forbids, are left out.
+/// Writes one object of triangles; those that name a vertex twice, which the format forbids, are left
+/// out.
 pub(in crate::io) fn write(
     out: &mut (impl Write + Seek),
-    mesh: &MeshView,
+    rows: &mut dyn Rows,
     unit: LengthUnit,
 ) -> io::Result<()> {
     // At most about 64 bytes a vertex and twice that a triangle.
-    let bytes = 64 * (mesh.vertices.len() as u64 + 2 * mesh.faces.len() as u64);
-    let triangles = match mesh.faces {
-        Faces::Triangles(triangles) => triangles,
-        Faces::Quads(_) => &[],
-    };
+    let [vertices, triangles] = rows.counts();
+    let bytes = 64 * (vertices + 2 * triangles);
     package(out, (unit, "", bytes), |xml| {
-        vertices(xml, mesh.points())?;
-        writeln!(xml, "<triangles>")?;
-        let whole = triangles
-            .iter()
-            .filter(|[a, b, c]| a != b && b != c && c != a);
-        for [a, b, c] in whole {
-            writeln!(xml, "<triangle v1=\"{a}\" v2=\"{b}\" v3=\"{c}\"/>")?;
-        }
+        writeln!(xml, "<vertices>")?;
+        rows.each_vertex(&mut |v| vertex(xml, v))?;
+        writeln!(xml, "</vertices>\n<triangles>")?;
+        rows.each_face(&mut |corners| match *corners {
+            [a, b, c] if a != b && b != c && c != a => {
+                writeln!(xml, "<triangle v1=\"{a}\" v2=\"{b}\" v3=\"{c}\"/>")
+            }
+            _ => Ok(()),
+        })?;
         writeln!(xml, "</triangles>")
     })
 }
@@ -101,7 +97,11 @@ pub(in crate::io) fn write_beams(
     let bytes = 64 * lattice.nodes.len() as u64 + 128 * lattice.beams.len() as u64;
     let radius = lattice.beams.first().map_or(1.0, |b| b.radii[0] * factor);
     package(out, (unit, BEAMS, bytes), |xml| {
-        vertices(xml, lattice.nodes.iter().map(|n| n * factor))?;
+        writeln!(xml, "<vertices>")?;
+        for node in &lattice.nodes {
+            vertex(xml, node * factor)?;
+        }
+        writeln!(xml, "</vertices>")?;
         writeln!(
             xml,
             "<b:beamlattice radius=\"{:?}\" minlength=\"{:?}\" cap=\"sphere\">\n<b:beams>",

@@ -1,0 +1,205 @@
+//! Mesh files whose vertices and triangles come part by part, of which none stays in memory.
+//!
+//! STL needs no more than the triangles at hand. The other formats have all vertices first: both are
+//! spooled beside the file, in files without a name that vanish with the process, and put together at
+//! the end.
+
+use super::atomic::AtomicFile;
+use super::mesh_view::Rows;
+use super::{MeshFormat, StlStream, WriteError, obj, ply, threemf};
+use crate::frame::{LengthUnit, Vec3};
+use std::fs::File;
+use std::io::{self, BufReader, BufWriter, Read, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
+
+/// Some triangles of a mesh, with what is new among its vertices.
+#[derive(Clone, Copy, Debug)]
+pub struct MeshPart<'a> {
+    /// Vertices of the part, those that no part before had first.
+    pub vertices: &'a [Vec3],
+    /// How many of them are new: the next of the whole.
+    pub owned: usize,
+    /// Triangles over the vertices of the part, counter-clockwise seen from outside.
+    pub triangles: &'a [[u32; 3]],
+    /// The same in numbers of the whole.
+    pub numbered: &'a [[u32; 3]],
+    /// Factor on every coordinate.
+    pub factor: f64,
+}
+
+/// A mesh file in the making; it appears whole or not at all.
+pub struct MeshStream {
+    path: PathBuf,
+    unit: LengthUnit,
+    kind: Kind,
+}
+
+enum Kind {
+    Stl(StlStream),
+    Spooled(MeshFormat, Spool),
+}
+
+struct Spool {
+    vertices: BufWriter<File>,
+    triangles: BufWriter<File>,
+    counts: [u64; 2],
+}
+
+impl MeshStream {
+    /// Begins a file, of the format that its extension says.
+    ///
+    /// # Errors
+    /// [`WriteError`] when the extension is none of a mesh, or the directory cannot be written to.
+    pub fn create(path: &Path, unit: LengthUnit) -> Result<Self, WriteError> {
+        let Some(format) = MeshFormat::of(path) else {
+            return Err(WriteError::Format {
+                path: path.to_owned(),
+                reason: "no extension of a mesh; expected .stl, .ply, .obj or .3mf".into(),
+            });
+        };
+        let kind = if format == MeshFormat::Stl {
+            Kind::Stl(StlStream::create(path, unit)?)
+        } else {
+            Kind::Spooled(format, Spool::beside(path)?)
+        };
+        Ok(Self {
+            path: path.to_owned(),
+            unit,
+            kind,
+        })
+    }
+
+    /// Adds a part.
+    ///
+    /// # Errors
+    /// [`WriteError::Io`].
+    pub fn add(&mut self, part: MeshPart) -> Result<(), WriteError> {
+        match &mut self.kind {
+            Kind::Stl(file) => part.triangles.iter().try_for_each(|t| {
+                let corner = |v: u32| part.vertices[v as usize] * part.factor;
+                file.add(t.map(corner))
+            }),
+            Kind::Spooled(_, spool) => spool
+                .add(part)
+                .map_err(|e| spooled(&self.path, spool.bytes(), e)),
+        }
+    }
+
+    /// Completes the file; gives its size.
+    ///
+    /// # Errors
+    /// [`WriteError`] for more triangles than the format counts, or when anything cannot be written.
+    pub fn commit(self) -> Result<u64, WriteError> {
+        let (format, spool) = match self.kind {
+            Kind::Stl(file) => return file.commit(),
+            Kind::Spooled(format, spool) => (format, spool),
+        };
+        let bytes = spool.bytes();
+        let mut rows = spool.rewound().map_err(|e| spooled(&self.path, bytes, e))?;
+        let mut file = match format {
+            MeshFormat::ThreeMf => AtomicFile::create_seekable(&self.path)?,
+            _ => AtomicFile::create(&self.path)?,
+        };
+        let written = match format {
+            MeshFormat::Obj => obj::write(&mut file, &mut rows, self.unit),
+            MeshFormat::ThreeMf => threemf::write(&mut file, &mut rows, self.unit),
+            MeshFormat::Ply | MeshFormat::Stl => ply::write(&mut file, &mut rows, self.unit),
+        };
+        written.map_err(|e| file.failed(e))?;
+        file.commit()
+    }
+}
+
+/// An error met in the spools of a file.
+fn spooled(path: &Path, written: u64, error: io::Error) -> WriteError {
+    WriteError::Io {
+        path: path.to_owned(),
+        written,
+        needed: None,
+        error,
+    }
+}
+
+impl Spool {
+    fn beside(path: &Path) -> Result<Self, WriteError> {
+        let parent = path.parent().filter(|p| !p.as_os_str().is_empty());
+        let directory = parent.unwrap_or(Path::new("."));
+        let file = || {
+            let file = tempfile::tempfile_in(directory).map_err(|e| WriteError::Create {
+                path: path.to_owned(),
+                reason: format!("no spool in {}: {e}", directory.display()),
+            })?;
+            Ok(BufWriter::with_capacity(1 << 18, file))
+        };
+        Ok(Self {
+            vertices: file()?,
+            triangles: file()?,
+            counts: [0; 2],
+        })
+    }
+
+    fn bytes(&self) -> u64 {
+        24 * self.counts[0] + 12 * self.counts[1]
+    }
+
+    fn add(&mut self, part: MeshPart) -> io::Result<()> {
+        for v in &part.vertices[..part.owned] {
+            for c in v {
+                self.vertices.write_all(&(c * part.factor).to_le_bytes())?;
+            }
+        }
+        for corner in part.numbered.as_flattened() {
+            self.triangles.write_all(&corner.to_le_bytes())?;
+        }
+        self.counts[0] += part.owned as u64;
+        self.counts[1] += part.numbered.len() as u64;
+        Ok(())
+    }
+
+    fn rewound(self) -> io::Result<SpooledRows> {
+        let again = |file: BufWriter<File>| {
+            let mut file = file.into_inner().map_err(io::IntoInnerError::into_error)?;
+            file.seek(SeekFrom::Start(0))?;
+            Ok::<_, io::Error>(BufReader::with_capacity(1 << 18, file))
+        };
+        Ok(SpooledRows {
+            vertices: again(self.vertices)?,
+            triangles: again(self.triangles)?,
+            counts: self.counts,
+        })
+    }
+}
+
+/// Spools read once.
+struct SpooledRows {
+    vertices: BufReader<File>,
+    triangles: BufReader<File>,
+    counts: [u64; 2],
+}
+
+/// The next `N` pieces of `M` bytes each.
+fn pieces<const N: usize, const M: usize>(from: &mut impl Read) -> io::Result<[[u8; M]; N]> {
+    let mut bytes = [[0; M]; N];
+    from.read_exact(bytes.as_flattened_mut())?;
+    Ok(bytes)
+}
+
+impl Rows for SpooledRows {
+    fn counts(&self) -> [u64; 2] {
+        self.counts
+    }
+    fn each_vertex(&mut self, visit: &mut dyn FnMut(Vec3) -> io::Result<()>) -> io::Result<()> {
+        for _ in 0..self.counts[0] {
+            let [x, y, z] = pieces(&mut self.vertices)?.map(f64::from_le_bytes);
+            visit(Vec3::new(x, y, z))?;
+        }
+        Ok(())
+    }
+    fn each_face(&mut self, visit: &mut dyn FnMut(&[u32]) -> io::Result<()>) -> io::Result<()> {
+        for _ in 0..self.counts[1] {
+            let corners: [u32; 3] = pieces(&mut self.triangles)?.map(u32::from_le_bytes);
+            visit(&corners)?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,54 @@
+//! Mesh files that come part by part.
+
+use super::ball;
+use druse::frame::LengthUnit;
+use druse::io::{MeshPart, MeshStream, WriteError, write_mesh};
+use druse::mesh::TriMesh;
+use std::fs;
+
+#[test]
+fn a_mesh_that_comes_in_parts_is_written_as_one_that_comes_whole() {
+    let mesh = ball();
+    let (half, all) = (mesh.vertices().len() / 2, mesh.vertices());
+    let is_first = |t: &&[u32; 3]| t.iter().all(|&v| (v as usize) < half);
+    let first: Vec<[u32; 3]> = mesh.triangles().iter().filter(is_first).copied().collect();
+    let rest = mesh.triangles().iter().filter(|t| !is_first(t));
+    let second: Vec<[u32; 3]> = rest.copied().collect();
+    // The second part has its own vertices first, then those of the first again.
+    let own = all.len() - half;
+    let places = [&all[half..], &all[..half]].concat();
+    let local = |v: u32| (v as usize + own) % all.len();
+    let local: Vec<[u32; 3]> = second.iter().map(|t| t.map(|v| local(v) as u32)).collect();
+    let whole = TriMesh::new(all.to_vec(), [&first[..], &second[..]].concat()).unwrap();
+    let directory = tempfile::tempdir().unwrap();
+    for name in ["m.stl", "m.ply", "m.obj", "m.3mf"] {
+        let path = directory.path().join(name);
+        let mut stream = MeshStream::create(&path, LengthUnit::Inch).unwrap();
+        let parts = [
+            (&all[..half], half, &first, &first),
+            (&places[..], own, &local, &second),
+        ];
+        for (vertices, owned, triangles, numbered) in parts {
+            let factor = 0.7;
+            let part = MeshPart {
+                vertices,
+                owned,
+                triangles,
+                numbered,
+                factor,
+            };
+            stream.add(part).unwrap();
+        }
+        assert!(!path.exists());
+        let size = stream.commit().unwrap();
+        let streamed = fs::read(&path).unwrap();
+        assert_eq!(size, streamed.len() as u64);
+        let view = druse::io::MeshView::from(&whole).scaled(0.7);
+        write_mesh(&path, view, LengthUnit::Inch).unwrap();
+        assert!(fs::read(&path).unwrap() == streamed, "{name}");
+    }
+    let listed = fs::read_dir(directory.path()).unwrap().count();
+    assert_eq!(listed, 4, "spools are left");
+    let wrong = MeshStream::create(&directory.path().join("m.png"), LengthUnit::Inch);
+    assert!(matches!(wrong, Err(WriteError::Format { .. })));
+}
