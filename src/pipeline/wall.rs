@@ -56,7 +56,8 @@ fn balls(
     progress: &dyn Progress,
 ) -> Result<Vec<(Vec3, Option<Wall>)>, Cancelled> {
     let points = mesh.vertices();
-    let normals: Vec<Vec3> = mesh.vertex_normals().into_iter().map(|n| -n).collect();
+    let outward = mesh.vertex_normals_by_area().into_iter();
+    let normals: Vec<Vec3> = outward.map(|n| -n).collect();
     let sites = points.iter().zip(&normals);
     let sites = sites.map(|(&place, &tag)| Site { place, tag });
     let tree = Tree::new(sites.collect());
