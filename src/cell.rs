@@ -56,6 +56,7 @@ mod icosahedral;
 mod level;
 pub mod minkowski;
 mod pairing;
+mod products;
 mod series;
 mod solid;
 mod source;
@@ -77,6 +78,7 @@ pub use form::{Form, Node};
 pub use hybrid::Join;
 pub use icosahedral::{Icosahedral, lifted};
 pub use pairing::{default_group, groups, lattices, operators_of, rank, symmetry};
+pub use products::{Along, FUNCTIONS, Products};
 pub use series::{Coefficient, Series};
 pub use solid::Solid;
 pub use source::{

@@ -26,6 +26,7 @@ pub mod cli;
 pub mod field;
 pub mod frame;
 pub mod io;
+pub mod lanes;
 pub mod mesh;
 pub mod mesher;
 #[cfg(feature = "vdb")]

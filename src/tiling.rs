@@ -28,6 +28,7 @@ use crate::frame::{Aabb, CellPoint, Vec3, WorldPoint};
 use crate::mesh::MeshSolid;
 use crate::scaffold::Scaffold;
 
+mod aligned;
 mod blend;
 mod bound;
 mod certificate;
@@ -190,6 +191,8 @@ pub struct TiledSolid<'a, F: Filling = Table> {
     patches: Vec<Patch>,
     component_of: Vec<u32>,
     components: Vec<Component>,
+    /// The whole as one function over a box, where it is one.
+    aligned: Option<aligned::Aligned>,
 }
 
 /// A filling that somebody else owns, or the tiling itself.
@@ -270,8 +273,12 @@ impl<'a, F: Filling> TiledSolid<'a, F> {
                 boundary: MeshSolid::new(outer.mesh),
             });
         }
+        let aligned = filling
+            .products()
+            .and_then(|products| aligned::Aligned::new(scaffold, products, &patches, options));
         Ok(Self {
             scaffold,
+            aligned,
             filling,
             options,
             patches,
@@ -381,6 +388,9 @@ impl<F: Filling> Field for TiledSolid<'_, F> {
     type Point = WorldPoint;
 
     fn value(&self, p: WorldPoint) -> f64 {
+        if let Some(aligned) = &self.aligned {
+            return aligned.value(p.0);
+        }
         let governing = match self.options.boundary {
             Boundary::Cut => (0..self.components.len()).collect(),
             Boundary::Extend => self.governing(p.0),
@@ -412,10 +422,16 @@ impl<F: Filling> Field for TiledSolid<'_, F> {
     }
 
     fn bound(&self, region: &Aabb) -> Interval {
-        self.bound_of_all(region)
+        match &self.aligned {
+            Some(aligned) => aligned.bound(region),
+            None => self.bound_of_all(region),
+        }
     }
 
     fn fill(&self, lattice: &SampleLattice<WorldPoint>, out: &mut [f32]) {
-        self.fill_all(lattice, out);
+        match &self.aligned {
+            Some(aligned) => aligned.fill(lattice, out),
+            None => self.fill_all(lattice, out),
+        }
     }
 }

@@ -19,7 +19,7 @@
 //! derivative one of their differences; so bounds are rigorous for what is evaluated, not for the
 //! series it approximates. [`Table::error_bound`] ties the two together.
 
-use super::{Cell, CellError, Form, Solid};
+use super::{Cell, CellError, Form, Products, Solid};
 use crate::field::{Field, Interval};
 use crate::frame::{CellBox, CellPoint, Element, Vec3};
 
@@ -66,6 +66,7 @@ pub struct Table {
     gradient_error_bound: f64,
     gradient_sup: f64,
     gradient_rms: f64,
+    products: Option<Products>,
 }
 
 impl std::fmt::Debug for Table {
@@ -159,6 +160,7 @@ impl Table {
                 (leaf.range(&around).0, leaf.sup())
             })
         });
+        let products = Products::of(cell, &form);
         let function = if leaves.len() == 1 && leaves[0].is_plain() && form.nodes() == 1 {
             Function::Plain(Box::new(leaves.swap_remove(0)))
         } else {
@@ -184,6 +186,7 @@ impl Table {
             gradient_error_bound,
             gradient_sup,
             gradient_rms: cell.gamma(),
+            products,
         }
     }
 
@@ -223,6 +226,11 @@ impl Table {
     /// but for points where the parts of an expression change places.
     pub fn gradient_error_bound(&self) -> f64 {
         self.gradient_error_bound
+    }
+
+    /// The same function as a few products of sines and cosines, if it is one.
+    pub fn products(&self) -> Option<&Products> {
+        self.products.as_ref()
     }
 
     /// Bound of the gradient's length over the element.

@@ -1,7 +1,7 @@
 //! What a tiling asks of what fills its elements: of one cell, and of fillings of several.
 
 use super::{TilingError, seam};
-use crate::cell::{Cell, Table};
+use crate::cell::{Cell, Products, Table};
 use crate::field::{Field, Interval};
 use crate::frame::{CellBox, CellPoint, Element, Vec3};
 use crate::scaffold::Scaffold;
@@ -19,6 +19,10 @@ pub trait CellField: Field<Point = CellPoint<3>> {
     fn gradient_sup(&self) -> f64;
     /// The gradient's root mean square on the surface inside the element (gamma).
     fn gradient_rms(&self) -> f64;
+    /// The same function as a few products of sines and cosines, if it is one.
+    fn products(&self) -> Option<&Products> {
+        None
+    }
 }
 
 impl CellField for Table {
@@ -33,6 +37,9 @@ impl CellField for Table {
     }
     fn gradient_rms(&self) -> f64 {
         Self::gradient_rms(self)
+    }
+    fn products(&self) -> Option<&Products> {
+        Self::products(self)
     }
 }
 
@@ -90,6 +97,11 @@ pub trait Filling: Send + Sync {
 
     /// The gradient's root mean square on the surface in an element.
     fn gradient_rms(&self, element: usize) -> f64;
+
+    /// The function as a few products of sines and cosines, if it is the same one in all elements.
+    fn products(&self) -> Option<&Products> {
+        None
+    }
 }
 
 /// One cell in every element.
@@ -136,5 +148,9 @@ impl<C: CellField> Filling for C {
 
     fn gradient_rms(&self, _: usize) -> f64 {
         CellField::gradient_rms(self)
+    }
+
+    fn products(&self) -> Option<&Products> {
+        CellField::products(self)
     }
 }

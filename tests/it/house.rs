@@ -9,23 +9,28 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("frame", &[]),
     ("progress", &[]),
     ("sets", &[]),
+    ("lanes", &[]),
     ("field", &["frame"]),
     ("mesh", &["frame", "field", "progress", "sets"]),
     ("symmetry", &[]),
     (
         "cell",
-        &["symmetry", "field", "mesh", "frame", "progress", "sets"],
+        &[
+            "symmetry", "field", "mesh", "frame", "progress", "sets", "lanes",
+        ],
     ),
     ("scaffold", &["frame", "mesh", "progress", "sets"]),
     (
         "tiling",
-        &["cell", "scaffold", "field", "frame", "mesh", "sets"],
+        &[
+            "cell", "scaffold", "field", "frame", "mesh", "sets", "lanes",
+        ],
     ),
     (
         "polymesh",
         &["mesh", "scaffold", "frame", "progress", "symmetry"],
     ),
-    ("band", &["field", "frame", "progress"]),
+    ("band", &["field", "frame", "progress", "lanes"]),
     ("slice", &["field", "frame"]),
     ("mesher", &["field", "frame", "mesh", "band", "progress"]),
     (

@@ -1,0 +1,402 @@
+//! Boxes of equal hexes parallel to the voxels, filled with a cell that is a short series.
+//!
+//! Neighbours continue each other, so that the whole box is one periodic function F, whose factors
+//! along the axes are tabulated once per row of samples instead of looked up. Distances follow rule Q
+//! with that one function, since there is nothing to blend; F itself is evaluated at every sample, so
+//! that the zero set is that of the series. D is the exact distance to the box, and outside of it F is
+//! taken at the closest point, whose coordinates are clamped one by one.
+//!
+//! The slope |F| / d is smooth: where interpolating it from a few nodes of each leaf changes distances
+//! by no more than [`TOLERANCE`], it is. That is tried out on leaves spread over a period.
+
+use super::patch::Patch;
+use super::{Boundary, Distance, TilingOptions};
+use crate::cell::Products;
+use crate::field::{Interval, SampleLattice};
+use crate::frame::{Aabb, CellPoint, Element, Vec3, WorldPoint};
+use crate::lanes;
+use crate::scaffold::Scaffold;
+
+mod kernel;
+use kernel::{EVERY, LeafWork, Nodes, Places, RowWork, Rule};
+
+/// Root mean square, in voxels, by which interpolated slopes may change distances in the band.
+const TOLERANCE: f64 = 0.0025;
+/// The greatest such change.
+const MOST: f64 = 0.03;
+/// Longest Newton steps, radians, that sines and cosines can follow.
+const FURTHEST: f64 = 2.2;
+/// Leaves on which the nodes are tried out.
+const TRIALS: u32 = 64;
+/// Newton steps are damped where the slope is below this fraction of its mean.
+const DAMPING: f64 = 0.05;
+
+/// A box of equal hexes with one function in it.
+pub(super) struct Aligned {
+    products: Products,
+    room: Aabb,
+    /// Where the reference coordinates are 0, and their units.
+    centre: Vec3,
+    size: Vec3,
+    options: TilingOptions,
+    slope_sup: f64,
+    slope_rms: f64,
+    rule: Rule,
+    nodes: Nodes,
+}
+
+impl Aligned {
+    /// The scaffold as such a box, if it is one.
+    pub fn new(
+        scaffold: &Scaffold,
+        products: &Products,
+        patches: &[Patch],
+        options: TilingOptions,
+    ) -> Option<Self> {
+        let (room, centre, size) = grid(scaffold, products.fits_any_numbering())?;
+        let (slope_sup, slope_rms) = (patches[0].slope_sup, patches[0].slope_rms);
+        let turn = size.map(|s| std::f64::consts::TAU / s);
+        let longest = 2.0 * options.half_width;
+        let furthest = turn.max() * longest;
+        if options.distance != Distance::Fast || furthest > FURTHEST || !slope_sup.is_finite() {
+            return None;
+        }
+        let rule = Rule {
+            damping: (DAMPING * slope_rms).powi(2) as f32,
+            longest: longest as f32,
+            half_width: options.half_width as f32,
+            least: (slope_rms / 10.0) as f32,
+            greatest: slope_sup as f32,
+            tiny: (1e-4 * slope_rms * options.voxel_size) as f32,
+            turn: turn.map(|t| t as f32).into(),
+        };
+        let mut aligned = Self {
+            products: products.clone(),
+            room,
+            centre,
+            size,
+            options,
+            slope_sup,
+            slope_rms,
+            rule,
+            nodes: Nodes::new(EVERY),
+        };
+        for count in [4, 5, 6] {
+            let nodes = Nodes::new(count);
+            if aligned.suffice(&nodes) {
+                aligned.nodes = nodes;
+                break;
+            }
+        }
+        Some(aligned)
+    }
+
+    /// Whether slopes interpolated from these nodes are as good as those at every sample.
+    fn suffice(&self, nodes: &Nodes) -> bool {
+        let every = Nodes::new(EVERY);
+        let h = self.options.voxel_size;
+        let w = self.rule.half_width * (1.0 - 1e-4);
+        let (mut squares, mut count, mut most) = (0.0, 0u32, 0f64);
+        for n in 0..TRIALS {
+            // Spread evenly over a period.
+            let spread = Vec3::new(0.819_172_5, 0.671_043_6, 0.549_700_5) * f64::from(n);
+            let origin = self.centre + spread.map(f64::fract).component_mul(&self.size);
+            let [exact, close] = [&every, nodes].map(|nodes| {
+                let mut values = [[0.0; 8]; 64];
+                self.fill_leaf(nodes, origin, h, false, &mut values);
+                values
+            });
+            for (a, b) in exact.as_flattened().iter().zip(close.as_flattened()) {
+                if a.abs() < w || b.abs() < w {
+                    let off = f64::from(a - b) / h;
+                    squares += off * off;
+                    most = most.max(off.abs());
+                    count += 1;
+                }
+            }
+        }
+        squares <= TOLERANCE * TOLERANCE * f64::from(count) && most <= MOST
+    }
+
+    /// Part of a period, -1/2 to 1/2, of a coordinate along an axis, clamped to the box.
+    fn part(&self, axis: usize, x: f64, clamp: bool) -> f32 {
+        let x = if clamp {
+            x.clamp(self.room.min[axis], self.room.max[axis])
+        } else {
+            x
+        };
+        let u = (x - self.centre[axis]) / self.size[axis];
+        (u - (u + 0.5).floor()) as f32
+    }
+
+    fn places(&self, origin: Vec3, step: f64, nodes: &[f64], clamp: bool) -> Places {
+        let mut places = [[0.0; 8]; 3];
+        for (axis, parts) in places.iter_mut().enumerate() {
+            for (n, part) in parts.iter_mut().enumerate() {
+                let along = nodes[n.min(nodes.len() - 1)];
+                *part = self.part(axis, origin[axis] + step * along, clamp);
+            }
+        }
+        places
+    }
+
+    /// Distances to the zero set of F at 8^3 samples; the box not regarded.
+    fn fill_leaf(
+        &self,
+        nodes: &Nodes,
+        origin: Vec3,
+        step: f64,
+        clamp: bool,
+        out: &mut [[f32; 8]; 64],
+    ) {
+        const EACH: [f64; 8] = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0];
+        let between = if nodes.count == EVERY {
+            [[0.0; 8]; 3]
+        } else {
+            self.places(origin, step, &nodes.places, clamp)
+        };
+        lanes::run(LeafWork {
+            products: &self.products,
+            rule: &self.rule,
+            nodes,
+            samples: self.places(origin, step, &EACH, clamp),
+            between,
+            out,
+        });
+    }
+
+    fn is_cut(&self) -> bool {
+        self.options.boundary == Boundary::Cut
+    }
+
+    /// How far outside the box a coordinate lies; 0 in its faces, rounding or not.
+    fn beyond(&self, axis: usize, x: f64) -> f64 {
+        let d = (self.room.min[axis] - x).max(x - self.room.max[axis]);
+        if d.abs() < 1e-6 * self.options.voxel_size {
+            0.0
+        } else {
+            d
+        }
+    }
+
+    /// D: the signed distance to the box.
+    fn to_box(&self, x: Vec3) -> f64 {
+        let q = Vec3::from_fn(|axis, _| self.beyond(axis, x[axis]));
+        q.sup(&Vec3::zeros()).norm() + q.max().min(0.0)
+    }
+
+    /// The distance at a point, in double precision.
+    pub fn value(&self, x: Vec3) -> f64 {
+        let w = self.options.half_width;
+        let d = self.distance(x.sup(&self.room.min).inf(&self.room.max));
+        if self.is_cut() {
+            d.max(self.to_box(x)).min(w)
+        } else {
+            d
+        }
+    }
+
+    /// Value of F and its gradient in world space.
+    fn slope(&self, x: Vec3) -> (f64, Vec3) {
+        let u = (x - self.centre).component_div(&self.size);
+        let (f, g) = self.products.value_and_gradient(u);
+        (f, g.component_div(&self.size))
+    }
+
+    /// Rule Q with one function.
+    fn distance(&self, x: Vec3) -> f64 {
+        let w = self.options.half_width;
+        let damping = (DAMPING * self.slope_rms).powi(2);
+        let step = |f: f64, g: Vec3| {
+            let step = g * (-f / (g.norm_squared() + damping));
+            step * (2.0 * w / step.norm()).min(1.0)
+        };
+        let (f, g) = self.slope(x);
+        let scale = if f.abs() < 1e-9 * self.slope_rms * self.options.voxel_size {
+            g.norm() / (g.norm_squared() + damping)
+        } else {
+            let first = step(f, g);
+            let (f1, g1) = self.slope(x + first);
+            (first + step(f1, g1)).norm() / f.abs()
+        };
+        let scale = scale.min(10.0 / self.slope_rms).max(1.0 / self.slope_sup);
+        (f * scale).clamp(-w, w)
+    }
+
+    /// Contains every value in a box.
+    pub fn bound(&self, region: &Aabb) -> Interval {
+        let w = self.options.half_width;
+        let inside = |v: Vec3| v.sup(&self.room.min).inf(&self.room.max);
+        let (min, max) = (inside(region.min), inside(region.max));
+        let centre = ((min + max) / 2.0 - self.centre).component_div(&self.size);
+        let half = ((max - min) / 2.0).component_div(&self.size);
+        let (lo, hi) = self.products.bound(centre, half);
+        // The scale is at least 1 / L, the interpolated one but for its error.
+        let slack = match self.nodes.count {
+            EVERY => 1e-6 * w,
+            _ => MOST * self.options.voxel_size,
+        };
+        let away = |f: f64| {
+            if f >= w * self.slope_sup * (1.0 + 1e-6) {
+                w
+            } else {
+                (f / self.slope_sup - slack).max(0.0)
+            }
+        };
+        let mut d = Interval::new(-w, w);
+        if lo > 0.0 {
+            d.lo = away(lo);
+        } else if hi < 0.0 {
+            d.hi = -away(-hi);
+        }
+        if !self.is_cut() {
+            return d;
+        }
+        let (low, high) = self.box_range(region);
+        let (low, high) = (low.clamp(-w, w), high.clamp(-w, w));
+        Interval::new(d.lo.max(low), d.hi.max(high))
+    }
+
+    /// Least and greatest D over a box.
+    fn box_range(&self, region: &Aabb) -> (f64, f64) {
+        let (at, reach) = (self.to_box(region.centre().0), region.half_diagonal());
+        let mut high = f64::NEG_INFINITY;
+        for axis in 0..3 {
+            let far = (self.room.min[axis] - region.min[axis])
+                .max(region.max[axis] - self.room.max[axis]);
+            high = high.max(far);
+        }
+        // Inside the box D is the greatest of six distances to planes.
+        let high = if high <= 0.0 { high } else { at + reach };
+        (at - reach, high)
+    }
+
+    /// Values on a lattice.
+    pub fn fill(&self, lattice: &SampleLattice<WorldPoint>, out: &mut [f32]) {
+        if lattice.is_empty() {
+            return;
+        }
+        let span = lattice.span();
+        let w = self.options.half_width;
+        let (least, greatest) = self.box_range(&span);
+        let clamp = greatest > 0.0;
+        if lattice.counts == [8; 3] {
+            let mut values = [[0.0; 8]; 64];
+            self.fill_leaf(
+                &self.nodes,
+                lattice.origin.0,
+                lattice.step,
+                clamp,
+                &mut values,
+            );
+            out.copy_from_slice(values.as_flattened());
+        } else {
+            self.fill_rows(lattice, clamp, out);
+        }
+        if self.is_cut() && greatest > -w {
+            if least >= w {
+                out.fill(w as f32);
+            } else {
+                self.cut(lattice, out);
+            }
+        }
+    }
+
+    /// Distances to the zero set of F on any lattice, in pieces of rows.
+    fn fill_rows(&self, lattice: &SampleLattice<WorldPoint>, clamp: bool, out: &mut [f32]) {
+        let depth = lattice.counts[2];
+        for (row, values) in out.chunks_exact_mut(depth).enumerate() {
+            for (piece, values) in values.chunks_mut(8).enumerate() {
+                let first = lattice.point(row * depth + 8 * piece).0;
+                let x = [self.part(0, first.x, clamp); 8];
+                let y = [self.part(1, first.y, clamp); 8];
+                let z =
+                    std::array::from_fn(|n| self.part(2, first.z + lattice.step * n as f64, clamp));
+                let mut found = [0.0; 8];
+                lanes::run(RowWork {
+                    products: &self.products,
+                    rule: &self.rule,
+                    samples: [x, y, z],
+                    out: &mut found,
+                });
+                values.copy_from_slice(&found[..values.len()]);
+            }
+        }
+    }
+
+    /// Cuts the values off at the box.
+    fn cut(&self, lattice: &SampleLattice<WorldPoint>, out: &mut [f32]) {
+        let w = self.options.half_width as f32;
+        let beyond = |axis: usize| -> Vec<f32> {
+            (0..lattice.counts[axis])
+                .map(|n| {
+                    let x = lattice.origin.0[axis] + lattice.step * n as f64;
+                    self.beyond(axis, x) as f32
+                })
+                .collect()
+        };
+        let [xs, ys, zs] = [beyond(0), beyond(1), beyond(2)];
+        let mut rows = out.chunks_exact_mut(zs.len());
+        for &x in &xs {
+            for &y in &ys {
+                let Some(row) = rows.next() else { return };
+                let (across, outside) = (x.max(y), x.max(0.0).powi(2) + y.max(0.0).powi(2));
+                for (v, &z) in row.iter_mut().zip(&zs) {
+                    let to_box =
+                        (outside + z.max(0.0) * z.max(0.0)).sqrt() + across.max(z).min(0.0);
+                    *v = v.max(to_box).min(w);
+                }
+            }
+        }
+    }
+}
+
+/// The box that the elements fill, a centre and the size of one of them, if they are equal hexes
+/// along the axes that together are a box, turned alike unless the cell does not mind.
+fn grid(scaffold: &Scaffold, any_numbering: bool) -> Option<(Aabb, Vec3, Vec3)> {
+    let (mut room, mut size) = (Aabb::EMPTY, None::<Vec3>);
+    let mut centres = Vec::with_capacity(scaffold.len());
+    for element in scaffold.elements() {
+        if element.shape() != Element::Hex || !element.is_affine() {
+            return None;
+        }
+        let (centre, jacobian) = element.map_and_jacobian(CellPoint(Vec3::zeros()));
+        let own = Vec3::from_fn(|a, _| jacobian.row(a).abs().sum());
+        let scale = own.max();
+        let is_axis = |a: usize| {
+            let row = jacobian.row(a);
+            if any_numbering {
+                (row.amax() - own[a]).abs() <= 1e-12 * scale
+            } else {
+                (row[a] - own[a]).abs() <= 1e-12 * scale
+            }
+        };
+        let first = *size.get_or_insert(own);
+        if !(0..3).all(is_axis) || (own - first).amax() > 1e-9 * scale {
+            return None;
+        }
+        room = room.union(Aabb {
+            min: centre.0 - own / 2.0,
+            max: centre.0 + own / 2.0,
+        });
+        centres.push(centre.0);
+    }
+    let size = size?;
+    let counts = room.size().component_div(&size);
+    let number = counts.map(f64::round);
+    let fits = (counts - number).amax() < 1e-6;
+    if !fits || number.product() != centres.len() as f64 {
+        return None;
+    }
+    let mut taken = vec![false; centres.len()];
+    for centre in &centres {
+        let place = (centre - room.min).component_div(&size) - Vec3::repeat(0.5);
+        let index = place.map(f64::round);
+        let at = (index.x * number.y + index.y) * number.z + index.z;
+        let slot = taken.get_mut(at as usize)?;
+        if (place - index).amax() > 1e-6 || std::mem::replace(slot, true) {
+            return None;
+        }
+    }
+    Some((room, centres[0], size))
+}

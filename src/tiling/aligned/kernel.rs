@@ -1,0 +1,333 @@
+//! Distances of a short series on leaves of 8^3 samples.
+//!
+//! The field is evaluated at every sample, row by row. Its slope in the sense of rule Q, |F| / distance
+//! by two Newton steps, changes slowly: where cells are large in voxels it is evaluated at a few nodes
+//! of the leaf and interpolated between them, else at every sample.
+
+use crate::cell::{Along, FUNCTIONS, Products};
+use crate::lanes::{Lanes, Work};
+
+/// Most nodes along an axis: every sample.
+pub(super) const EVERY: usize = 8;
+
+/// Lengths of the distance rule, world units, in single precision.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Rule {
+    /// The square that keeps Newton steps finite.
+    pub damping: f32,
+    /// Longest step.
+    pub longest: f32,
+    /// Half width of the band.
+    pub half_width: f32,
+    /// Bounds of the slope.
+    pub least: f32,
+    pub greatest: f32,
+    /// Below this a value is next to the zero set.
+    pub tiny: f32,
+    /// Radians per world unit along each axis.
+    pub turn: [f32; 3],
+}
+
+/// How slopes are found: at so many nodes along each axis, from there to the samples.
+#[derive(Clone, Debug)]
+pub(super) struct Nodes {
+    pub count: usize,
+    /// Places of the nodes, in samples from the first one.
+    pub places: Vec<f64>,
+    /// Of each node, its share in each sample.
+    pub shares: Vec<[f32; 8]>,
+}
+
+impl Nodes {
+    /// Chebyshev's nodes over a leaf, a little wider; or every sample.
+    pub fn new(count: usize) -> Self {
+        let places: Vec<f64> = (0..count)
+            .map(|n| {
+                if count == EVERY {
+                    return n as f64;
+                }
+                let angle = std::f64::consts::PI * (n as f64 + 0.5) / count as f64;
+                3.5 - 3.5 * 1.08 * angle.cos()
+            })
+            .collect();
+        let shares = (0..count)
+            .map(|n| {
+                std::array::from_fn(|v| {
+                    let others = (0..count).filter(|&m| m != n);
+                    let share: f64 = others
+                        .map(|m| (v as f64 - places[m]) / (places[n] - places[m]))
+                        .product();
+                    share as f32
+                })
+            })
+            .collect();
+        Self {
+            count,
+            places,
+            shares,
+        }
+    }
+}
+
+/// Parts of a period, -1/2 to 1/2, of eight places along each axis.
+pub(super) type Places = [[f32; 8]; 3];
+
+/// A leaf to be filled.
+pub(super) struct LeafWork<'a> {
+    pub products: &'a Products,
+    pub rule: &'a Rule,
+    pub nodes: &'a Nodes,
+    /// The samples.
+    pub samples: Places,
+    /// The nodes; of no use where they are the samples.
+    pub between: Places,
+    pub out: &'a mut [[f32; 8]; 64],
+}
+
+impl Work for LeafWork<'_> {
+    type Output = ();
+    #[inline(always)]
+    fn run<L: Lanes>(self, l: L) {
+        let Self {
+            products,
+            rule,
+            nodes,
+            samples,
+            between,
+            out,
+        } = self;
+        let x = products.along(l, &samples[0]);
+        let y = products.along(l, &samples[1]);
+        let z = products.along(l, &samples[2]);
+        let xs = stored(l, &x);
+        let mut least = l.splat(f32::INFINITY);
+        let rows = out;
+        for (i, slab) in rows.chunks_exact_mut(8).enumerate() {
+            let factors = products.rows(l, &xs, i, &y);
+            for (j, row) in slab.iter_mut().enumerate() {
+                let f = products.row(l, &factors, j, &z);
+                least = l.min(least, l.magnitude(f));
+                l.store(f, row);
+            }
+        }
+        let w = l.splat(rule.half_width);
+        let minus = l.splat(-rule.half_width);
+        let beyond = l.splat(rule.half_width * rule.greatest);
+        if l.below(least, beyond) == 0 {
+            let steep = l.splat(rule.greatest.recip());
+            for row in rows {
+                let f = l.load(row);
+                l.store(l.min(l.max(l.mul(f, steep), minus), w), row);
+            }
+            return;
+        }
+        if nodes.count == EVERY {
+            let ys = stored(l, &y);
+            for (n, row) in rows.iter_mut().enumerate() {
+                let f = l.load(row);
+                let d = if l.below(l.magnitude(f), beyond) == 0 {
+                    l.mul(f, l.splat(rule.greatest.recip()))
+                } else {
+                    let at_x = splatted(l, &xs, n / 8);
+                    let at_y = splatted(l, &ys, n % 8);
+                    l.div(f, slope(l, products, rule, [&at_x, &at_y, &z]))
+                };
+                l.store(l.min(l.max(d, minus), w), row);
+            }
+            return;
+        }
+        let slopes = node_slopes(l, products, rule, nodes, &between);
+        interpolate(l, nodes, &slopes, [minus, w], rows);
+    }
+}
+
+/// Functions as arrays.
+#[inline(always)]
+fn stored<L: Lanes>(l: L, along: &Along<L::F>) -> [[f32; 8]; FUNCTIONS] {
+    let mut all = [[0.0; 8]; FUNCTIONS];
+    for (to, &from) in all.iter_mut().zip(along) {
+        l.store(from, to);
+    }
+    all
+}
+
+/// The functions at one of eight places.
+#[inline(always)]
+fn splatted<L: Lanes>(l: L, from: &[[f32; 8]; FUNCTIONS], place: usize) -> Along<L::F> {
+    let mut all = [l.splat(1.0); FUNCTIONS];
+    for n in 1..FUNCTIONS {
+        all[n] = l.splat(from[n][place]);
+    }
+    all
+}
+
+/// Slopes at the nodes, `[x][y][z]`, z in the first lanes of a row.
+type Slopes = [[[f32; 8]; 8]; 8];
+
+#[inline(always)]
+fn node_slopes<L: Lanes>(
+    l: L,
+    products: &Products,
+    rule: &Rule,
+    nodes: &Nodes,
+    places: &Places,
+) -> Slopes {
+    let count = nodes.count;
+    let [x, y, z] = *places;
+    let mut slopes = [[[0.0; 8]; 8]; 8];
+    let xs = stored(l, &products.along(l, &x));
+    let ys = stored(l, &products.along(l, &y));
+    // Of four nodes along z two rows fit the lanes.
+    let rows = if count == 4 { 2 } else { 1 };
+    let mut packed = z;
+    if rows == 2 {
+        packed.copy_within(..4, 4);
+    }
+    let at_z = products.along(l, &packed);
+    for i in 0..count {
+        let at_x = splatted(l, &xs, i);
+        let mut j = 0;
+        while j < count {
+            let mut at_y = splatted(l, &ys, j);
+            if rows == 2 {
+                for n in 1..FUNCTIONS {
+                    let (a, b) = (ys[n][j], ys[n][j + 1]);
+                    at_y[n] = l.load(&[a, a, a, a, b, b, b, b]);
+                }
+            }
+            let found = slope(l, products, rule, [&at_x, &at_y, &at_z]);
+            let mut lanes = [0.0; 8];
+            l.store(found, &mut lanes);
+            slopes[i][j] = lanes;
+            if rows == 2 {
+                slopes[i][j + 1][..4].copy_from_slice(&lanes[4..]);
+            }
+            j += rows;
+        }
+    }
+    slopes
+}
+
+/// Divides the rows of values by the interpolated slopes, within limits.
+#[inline(always)]
+fn interpolate<L: Lanes>(
+    l: L,
+    nodes: &Nodes,
+    slopes: &Slopes,
+    limits: [L::F; 2],
+    rows_of_values: &mut [[f32; 8]; 64],
+) {
+    let zero = l.splat(0.0);
+    let count = nodes.count;
+    let mut along_z = [l.splat(0.0); 8];
+    for (to, shares) in along_z.iter_mut().zip(&nodes.shares) {
+        *to = l.load(shares);
+    }
+    let mut planes = [[zero; 8]; 8];
+    for i in 0..count {
+        let mut rows = [zero; 8];
+        for j in 0..count {
+            for k in 0..count {
+                rows[j] = l.fused(l.splat(slopes[i][j][k]), along_z[k], rows[j]);
+            }
+        }
+        for (y, to) in planes[i].iter_mut().enumerate() {
+            for j in 0..count {
+                *to = l.fused(l.splat(nodes.shares[j][y]), rows[j], *to);
+            }
+        }
+    }
+    for x in 0..8 {
+        let mut shares = [zero; 8];
+        for i in 0..count {
+            shares[i] = l.splat(nodes.shares[i][x]);
+        }
+        for y in 0..8 {
+            let mut sum = zero;
+            for i in 0..count {
+                sum = l.fused(shares[i], planes[i][y], sum);
+            }
+            let row = &mut rows_of_values[8 * x + y];
+            let d = l.div(l.load(row), sum);
+            l.store(l.min(l.max(d, limits[0]), limits[1]), row);
+        }
+    }
+}
+
+/// Rule Q's slope |F| / distance by two damped Newton steps.
+#[inline(always)]
+pub(super) fn slope<L: Lanes>(
+    l: L,
+    products: &Products,
+    rule: &Rule,
+    at: [&Along<L::F>; 3],
+) -> L::F {
+    let (f, g, m, q) = newton(l, products, rule, at);
+    let back = l.sub(l.splat(0.0), q);
+    let mut ahead = [*at[0], *at[1], *at[2]];
+    for a in 0..3 {
+        let by = l.mul(l.mul(back, g[a]), l.splat(rule.turn[a]));
+        ahead[a] = products.further(l, at[a], by);
+    }
+    let (_, h, _, r) = newton(l, products, rule, [&ahead[0], &ahead[1], &ahead[2]]);
+    let mut square = l.splat(0.0);
+    for a in 0..3 {
+        let way = l.fused(q, g[a], l.mul(r, h[a]));
+        square = l.fused(way, way, square);
+    }
+    let ratio = l.sqrt(l.div(l.mul(f, f), l.max(square, l.splat(1e-30))));
+    let on_it = l.div(
+        l.add(m, l.splat(rule.damping)),
+        l.sqrt(l.max(m, l.splat(1e-30))),
+    );
+    let ratio = l.select_below(l.magnitude(f), l.splat(rule.tiny), on_it, ratio);
+    l.min(l.max(ratio, l.splat(rule.least)), l.splat(rule.greatest))
+}
+
+/// Value, gradient and its square at a place, and the Newton step's share of the gradient, shortened to
+/// the longest step.
+#[inline(always)]
+fn newton<L: Lanes>(
+    l: L,
+    products: &Products,
+    rule: &Rule,
+    at: [&Along<L::F>; 3],
+) -> (L::F, [L::F; 3], L::F, L::F) {
+    let (f, mut g) = products.slope(l, at);
+    let mut m = l.splat(0.0);
+    for a in 0..3 {
+        g[a] = l.mul(g[a], l.splat(rule.turn[a]));
+        m = l.fused(g[a], g[a], m);
+    }
+    let longest = l.splat(rule.longest * rule.longest);
+    let mut q = l.div(f, l.add(m, l.splat(rule.damping)));
+    let square = l.mul(l.mul(q, q), m);
+    if l.below(longest, square) != 0 {
+        q = l.mul(q, l.sqrt(l.div(longest, l.max(square, longest))));
+    }
+    (f, g, m, q)
+}
+
+/// Values of up to eight samples along z at one place along x and y.
+pub(super) struct RowWork<'a> {
+    pub products: &'a Products,
+    pub rule: &'a Rule,
+    pub samples: Places,
+    pub out: &'a mut [f32; 8],
+}
+
+impl Work for RowWork<'_> {
+    type Output = ();
+    #[inline(always)]
+    fn run<L: Lanes>(self, l: L) {
+        let x = self.products.along(l, &self.samples[0]);
+        let y = self.products.along(l, &self.samples[1]);
+        let z = self.products.along(l, &self.samples[2]);
+        let at = [&x, &y, &z];
+        let f = self.products.slope(l, at).0;
+        let d = l.div(f, slope(l, self.products, self.rule, at));
+        let w = l.splat(self.rule.half_width);
+        let minus = l.splat(-self.rule.half_width);
+        l.store(l.min(l.max(d, minus), w), self.out);
+    }
+}
