@@ -44,6 +44,7 @@ mod flood;
 mod leaf;
 mod leaf_file;
 mod leaf_store;
+mod pool;
 mod sinks;
 
 pub use estimate::{Estimate, Sampling};

@@ -256,7 +256,7 @@ impl<'a, F: Filling> TiledSolid<'a, F> {
             return Err(TilingError::Empty);
         }
         filling.check(scaffold)?;
-        let patches = (0..scaffold.len())
+        let patches: Vec<Patch> = (0..scaffold.len())
             .map(|number| {
                 let (sup, rms) = (filling.gradient_sup(number), filling.gradient_rms(number));
                 Patch::new(scaffold, number, sup, rms)

@@ -1,6 +1,7 @@
 //! Which voxels of a leaf are active: near the surface, or next to a change of sign.
 
 use super::VOXELS;
+use crate::lanes::{Lanes, Work, run};
 
 /// Samples of a leaf and the layer around it along one axis.
 pub(super) const SPAN: usize = 10;
@@ -14,20 +15,51 @@ pub(super) struct Neighbourhood {
     positive: [[u16; SPAN]; SPAN],
 }
 
-/// One bit per voxel of a leaf, in the mask's layout: set where the value is negative.
-pub(super) fn negative_bits(values: &[f32; VOXELS]) -> [u64; 8] {
-    bits(values, |v| v < 0.0)
+/// What the values of a leaf say, one bit per voxel in the mask's layout.
+#[derive(Clone, Copy, Default)]
+pub(super) struct Bits {
+    /// Where the value is negative.
+    pub negative: [u64; 8],
+    /// Where it is nearer to zero than the background.
+    pub within: [u64; 8],
+    /// Whether all values are finite.
+    pub finite: bool,
 }
 
-/// One bit per voxel of a leaf: set where `test` holds.
-pub(super) fn bits(values: &[f32; VOXELS], test: impl Fn(f32) -> bool) -> [u64; 8] {
-    let mut words = [0; 8];
-    for (word, slab) in words.iter_mut().zip(values.chunks_exact(64)) {
-        for (n, &v) in slab.iter().enumerate() {
-            *word |= u64::from(test(v)) << n;
-        }
+impl Bits {
+    /// Of the values of a leaf.
+    pub fn of(values: &[f32; VOXELS], background: f32) -> Self {
+        run(Look { values, background })
     }
-    words
+}
+
+struct Look<'a> {
+    values: &'a [f32; VOXELS],
+    background: f32,
+}
+
+impl Work for Look<'_> {
+    type Output = Bits;
+    // No closures: they would be compiled for any processor.
+    #[inline(always)]
+    fn run<L: Lanes>(self, l: L) -> Bits {
+        let (zero, background) = (l.splat(0.0), l.splat(self.background));
+        let endless = l.splat(f32::INFINITY);
+        let mut bits = Bits::default();
+        let mut finite = u8::MAX;
+        for (n, row) in self.values.chunks_exact(8).enumerate() {
+            let Some(row) = row.first_chunk() else { break };
+            let v = l.load(row);
+            let size = l.magnitude(v);
+            let shift = 8 * (n & 7);
+            bits.negative[n >> 3] |= u64::from(l.below(v, zero)) << shift;
+            bits.within[n >> 3] |= u64::from(l.below(size, background)) << shift;
+            // NaN is not below anything.
+            finite &= l.below(size, endless);
+        }
+        bits.finite = finite == u8::MAX;
+        bits
+    }
 }
 
 /// Along one axis: samples of the neighbour in direction -1, 0, 1 that lie in the neighbourhood, as

@@ -1,6 +1,6 @@
 //! Prediction of a band's size from culling and a sample of its leaves.
 
-use super::activate::{Neighbourhood, bits, negative_bits};
+use super::activate::Neighbourhood;
 use super::cull::Culler;
 use super::evaluate::leaf_values;
 use super::leaf::count;
@@ -109,10 +109,11 @@ impl Band<'_> {
 
 /// Active voxels of a leaf by itself: changes of sign to its neighbours are not looked for.
 fn active_voxels(culler: &Culler, leaf: Coord) -> Result<u64, BandError> {
-    let values = leaf_values(culler, leaf)?;
+    let mut values = [0.0; VOXELS];
+    let bits = leaf_values(culler, leaf, &mut values)?;
     let mut alone = Neighbourhood::default();
-    alone.enter_leaf([1; 3], &negative_bits(&values));
-    let mut mask = bits(&values, |v| v.abs() < culler.background as f32);
+    alone.enter_leaf([1; 3], &bits.negative);
+    let mut mask = bits.within;
     for (word, changed) in mask.iter_mut().zip(alone.next_to_change()) {
         *word |= changed;
     }

@@ -1,9 +1,9 @@
 //! Evaluation by blocks.
 
-use super::activate::{Neighbourhood, SPAN, bits, negative_bits};
+use super::activate::{Bits, Neighbourhood, SPAN};
 use super::cull::Culler;
 use super::leaf::count;
-use super::{BLOCK, Band, BandError, BandStats, LEAF, LeafBatch, LeafSink, Region, VOXELS};
+use super::{BLOCK, Band, BandError, BandStats, LEAF, LeafSink, Region, VOXELS, pool};
 use crate::field::SampleLattice;
 use crate::frame::{Aabb, Coord};
 use crate::progress::{Cancelled, Progress, Threads};
@@ -103,7 +103,7 @@ fn block(
             .into_par_iter()
             .map(|n| samples.activate(culler, n))
             .collect();
-        let mut batch = LeafBatch::with_capacity(masks.len());
+        let mut batch = pool::batch();
         for (n, (mask, extra)) in range.zip(masks) {
             stats.voxels_evaluated += extra;
             if mask == [0; 8] {
@@ -112,63 +112,65 @@ fn block(
                 }
                 continue;
             }
-            let mut values = samples.values[n];
-            finish(&mut values, &mask, culler.background as f32);
             stats.leaves_kept += 1;
             stats.active_voxels += count(&mask);
-            batch.push(samples.origins[n], mask, &values);
+            batch.push(samples.origins[n], mask, &samples.values[n]);
+            if let Some(values) = batch.values.last_mut() {
+                clamp(values, culler.background as f32);
+            }
         }
         if !batch.is_empty() {
             sink.block(origin, &batch)?;
         }
+        pool::give_batch(batch);
     }
+    pool::give_values(samples.values);
     sink.inside(&inside);
     Ok(stats)
 }
 
-/// Clamps active values to the band and sets inactive ones to plus or minus the background.
-fn finish(values: &mut [f32; VOXELS], mask: &[u64; 8], background: f32) {
-    for (n, v) in values.iter_mut().enumerate() {
-        let active = mask[n >> 6] >> (n & 63) & 1 == 1;
-        *v = match (active, *v < 0.0) {
-            (true, _) => v.clamp(-background, background),
-            (false, true) => -background,
-            (false, false) => background,
-        };
+/// Clamps values to the band. Inactive ones lie beyond it: they become plus or minus the background.
+fn clamp(values: &mut [f32; VOXELS], background: f32) {
+    for v in values {
+        *v = v.max(-background).min(background);
     }
 }
 
-/// The values of one leaf.
+/// Fills in the values of one leaf, and says what they are.
 ///
 /// # Errors
 /// A value that is not finite.
-pub(super) fn leaf_values(culler: &Culler, origin: Coord) -> Result<[f32; VOXELS], BandError> {
-    let mut values = [0.0; VOXELS];
+pub(super) fn leaf_values(
+    culler: &Culler,
+    origin: Coord,
+    values: &mut [f32; VOXELS],
+) -> Result<Bits, BandError> {
     let lattice = SampleLattice {
         origin: culler.transform.world(origin),
         step: culler.transform.voxel_size(),
         counts: [LEAF as usize; 3],
     };
-    culler.field.fill(&lattice, &mut values);
-    match values.iter().position(|v| !v.is_finite()) {
-        None => Ok(values),
-        Some(n) => {
-            let voxel = origin.offset((n >> 6) as i32, (n >> 3 & 7) as i32, (n & 7) as i32);
-            Err(BandError::NotFinite {
-                value: values[n],
-                voxel,
-                place: culler.transform.world(voxel),
-            })
-        }
+    culler.field.fill(&lattice, values);
+    let bits = Bits::of(values, culler.background as f32);
+    if bits.finite {
+        return Ok(bits);
     }
+    let n = values.iter().position(|v| !v.is_finite()).unwrap_or(0);
+    let voxel = origin.offset((n >> 6) as i32, (n >> 3 & 7) as i32, (n & 7) as i32);
+    Err(BandError::NotFinite {
+        value: values[n],
+        voxel,
+        place: culler.transform.world(voxel),
+    })
 }
 
 /// All evaluated leaves of a block.
 struct BlockSamples {
     origin: Coord,
     origins: Vec<Coord>,
+    /// At least as many as there are leaves: recycled memory.
     values: Vec<[f32; VOXELS]>,
-    negative: Vec<[u64; 8]>,
+    bits: Vec<Bits>,
     /// Number of the leaf at each of the 16^3 places, z fastest.
     table: Vec<u16>,
 }
@@ -180,26 +182,27 @@ impl BlockSamples {
         origins: Vec<Coord>,
         progress: &dyn Progress,
     ) -> Result<Self, BandError> {
-        let groups: Vec<Vec<_>> = origins
+        let mut values = pool::values(origins.len());
+        let mut bits = vec![Bits::default(); origins.len()];
+        origins
             .par_chunks(GROUP)
-            .map(|group| {
+            .zip(values.par_chunks_mut(GROUP))
+            .zip(bits.par_chunks_mut(GROUP))
+            .try_for_each(|((group, values), bits)| {
                 if progress.cancelled() {
-                    return Err(Cancelled.into());
+                    return Err(BandError::from(Cancelled));
                 }
-                group
-                    .iter()
-                    .map(|&leaf| leaf_values(culler, leaf))
-                    .collect()
-            })
-            .collect::<Result<_, BandError>>()?;
-        let values: Vec<_> = groups.into_iter().flatten().collect();
-        let negative = values.iter().map(negative_bits).collect();
+                for (n, &leaf) in group.iter().enumerate() {
+                    bits[n] = leaf_values(culler, leaf, &mut values[n])?;
+                }
+                Ok(())
+            })?;
         let mut samples = Self {
             origin,
             table: vec![ABSENT; (EDGE * EDGE * EDGE) as usize],
             origins,
             values,
-            negative,
+            bits,
         };
         for n in 0..samples.origins.len() {
             if let Some(place) = samples.place(samples.origins[n]) {
@@ -220,14 +223,18 @@ impl BlockSamples {
 
     /// The mask of a leaf's active voxels, and how many samples beyond the block it took to find it.
     fn activate(&self, culler: &Culler, n: usize) -> ([u64; 8], u64) {
+        // Only an inactive voxel may become active by its neighbours.
+        if self.bits[n].within == [u64::MAX; 8] {
+            return ([u64::MAX; 8], 0);
+        }
         let leaf = self.origins[n];
         let mut near = Neighbourhood::default();
         for d in 0..27usize {
             let direction = [d / 9, d / 3 % 3, d % 3];
             let [x, y, z] = direction.map(|i| (i as i32 - 1) * LEAF);
             if let Some(place) = self.place(leaf.offset(x, y, z)) {
-                if let Some(negative) = self.negative.get(self.table[place] as usize) {
-                    near.enter_leaf(direction, negative);
+                if let Some(bits) = self.bits.get(self.table[place] as usize) {
+                    near.enter_leaf(direction, &bits.negative);
                 }
             }
         }
@@ -242,8 +249,7 @@ impl BlockSamples {
                 }
             }
         }
-        let background = culler.background as f32;
-        let mut mask = bits(&self.values[n], |v| v.abs() < background);
+        let mut mask = self.bits[n].within;
         for (word, changed) in mask.iter_mut().zip(near.next_to_change()) {
             *word |= changed;
         }
