@@ -10,6 +10,7 @@ use druse::progress::{Silent, Threads};
 use druse::scaffold::{Connectivity, Kind, Scaffold};
 use druse::tiling::{Boundary, CellField, Distance, TiledSolid, TilingOptions};
 
+mod aligned;
 mod cosines;
 mod distances;
 mod mixed;

@@ -7,8 +7,10 @@
 use crate::cell::{Along, FUNCTIONS, Products};
 use crate::lanes::{Lanes, Work};
 
-/// Most nodes along an axis: every sample.
+/// Nodes along an axis where every sample is one.
 pub(super) const EVERY: usize = 8;
+/// Most nodes along an axis, otherwise.
+const MOST: usize = 6;
 
 /// Lengths of the distance rule, world units, in single precision.
 #[derive(Clone, Copy, Debug)]
@@ -34,8 +36,8 @@ pub(super) struct Nodes {
     pub count: usize,
     /// Places of the nodes, in samples from the first one.
     pub places: Vec<f64>,
-    /// Of each node, its share in each sample.
-    pub shares: Vec<[f32; 8]>,
+    /// Of each node, its share in each sample; those that are not there have none.
+    pub shares: [[f32; 8]; EVERY],
 }
 
 impl Nodes {
@@ -50,17 +52,16 @@ impl Nodes {
                 3.5 - 3.5 * 1.08 * angle.cos()
             })
             .collect();
-        let shares = (0..count)
-            .map(|n| {
-                std::array::from_fn(|v| {
-                    let others = (0..count).filter(|&m| m != n);
-                    let share: f64 = others
-                        .map(|m| (v as f64 - places[m]) / (places[n] - places[m]))
-                        .product();
-                    share as f32
-                })
+        let share_of = |n: usize| -> [f32; 8] {
+            std::array::from_fn(|v| {
+                let others = (0..count).filter(|&m| m != n);
+                let share: f64 = others
+                    .map(|m| (v as f64 - places[m]) / (places[n] - places[m]))
+                    .product();
+                share as f32
             })
-            .collect();
+        };
+        let shares = std::array::from_fn(|n| if n < count { share_of(n) } else { [0.0; 8] });
         Self {
             count,
             places,
@@ -136,8 +137,13 @@ impl Work for LeafWork<'_> {
             }
             return;
         }
-        let slopes = node_slopes(l, products, rule, nodes, &between);
-        interpolate(l, nodes, &slopes, [minus, w], rows);
+        let mut slopes = [[[0.0; 8]; MOST]; MOST];
+        node_slopes(l, products, rule, nodes, &between, &mut slopes);
+        match nodes.count {
+            4 => interpolate::<L, 4>(l, nodes, &slopes, [minus, w], rows),
+            5 => interpolate::<L, 5>(l, nodes, &slopes, [minus, w], rows),
+            _ => interpolate::<L, MOST>(l, nodes, &slopes, [minus, w], rows),
+        }
     }
 }
 
@@ -162,7 +168,7 @@ fn splatted<L: Lanes>(l: L, from: &[[f32; 8]; FUNCTIONS], place: usize) -> Along
 }
 
 /// Slopes at the nodes, `[x][y][z]`, z in the first lanes of a row.
-type Slopes = [[[f32; 8]; 8]; 8];
+type Slopes = [[[f32; 8]; MOST]; MOST];
 
 #[inline(always)]
 fn node_slopes<L: Lanes>(
@@ -171,10 +177,10 @@ fn node_slopes<L: Lanes>(
     rule: &Rule,
     nodes: &Nodes,
     places: &Places,
-) -> Slopes {
+    slopes: &mut Slopes,
+) {
     let count = nodes.count;
     let [x, y, z] = *places;
-    let mut slopes = [[[0.0; 8]; 8]; 8];
     let xs = stored(l, &products.along(l, &x));
     let ys = stored(l, &products.along(l, &y));
     // Of four nodes along z two rows fit the lanes.
@@ -205,12 +211,11 @@ fn node_slopes<L: Lanes>(
             j += rows;
         }
     }
-    slopes
 }
 
-/// Divides the rows of values by the interpolated slopes, within limits.
+/// Divides the rows of values by the slopes interpolated from N nodes, within limits.
 #[inline(always)]
-fn interpolate<L: Lanes>(
+fn interpolate<L: Lanes, const N: usize>(
     l: L,
     nodes: &Nodes,
     slopes: &Slopes,
@@ -218,33 +223,34 @@ fn interpolate<L: Lanes>(
     rows_of_values: &mut [[f32; 8]; 64],
 ) {
     let zero = l.splat(0.0);
-    let count = nodes.count;
-    let mut along_z = [l.splat(0.0); 8];
-    for (to, shares) in along_z.iter_mut().zip(&nodes.shares) {
-        *to = l.load(shares);
+    let mut along_z = [zero; N];
+    for n in 0..N {
+        along_z[n] = l.load(&nodes.shares[n]);
     }
-    let mut planes = [[zero; 8]; 8];
-    for i in 0..count {
-        let mut rows = [zero; 8];
-        for j in 0..count {
-            for k in 0..count {
+    let mut planes = [[zero; 8]; N];
+    for i in 0..N {
+        let mut rows = [zero; N];
+        for j in 0..N {
+            for k in 0..N {
                 rows[j] = l.fused(l.splat(slopes[i][j][k]), along_z[k], rows[j]);
             }
         }
-        for (y, to) in planes[i].iter_mut().enumerate() {
-            for j in 0..count {
-                *to = l.fused(l.splat(nodes.shares[j][y]), rows[j], *to);
+        for y in 0..8 {
+            let mut sum = zero;
+            for j in 0..N {
+                sum = l.fused(l.splat(nodes.shares[j][y]), rows[j], sum);
             }
+            planes[i][y] = sum;
         }
     }
     for x in 0..8 {
-        let mut shares = [zero; 8];
-        for i in 0..count {
+        let mut shares = [zero; N];
+        for i in 0..N {
             shares[i] = l.splat(nodes.shares[i][x]);
         }
         for y in 0..8 {
             let mut sum = zero;
-            for i in 0..count {
+            for i in 0..N {
                 sum = l.fused(shares[i], planes[i][y], sum);
             }
             let row = &mut rows_of_values[8 * x + y];

@@ -1,0 +1,143 @@
+//! Boxes of hexes along the voxels: the way through tables along the axes beside the general one.
+
+use druse::cell::{Cell, Solid, Surface, Table};
+use druse::field::{Field, Interval, SampleLattice};
+use druse::frame::{Aabb, CellBox, CellPoint, Element, Vec3, WorldPoint};
+use druse::scaffold::{Kind, Scaffold};
+use druse::tiling::{Boundary, CellField, Distance, TiledSolid, TilingOptions};
+
+/// A table that does not tell that it is a short series.
+struct Hidden<'a>(&'a Table);
+
+impl Field for Hidden<'_> {
+    type Point = CellPoint<3>;
+    fn value(&self, p: CellPoint<3>) -> f64 {
+        self.0.value(p)
+    }
+    fn value_and_gradient(&self, p: CellPoint<3>) -> (f64, Vec3) {
+        self.0.value_and_gradient(p)
+    }
+    fn bound(&self, region: &CellBox<3>) -> Interval {
+        self.0.bound(region)
+    }
+}
+
+impl CellField for Hidden<'_> {
+    fn element(&self) -> Element {
+        self.0.element()
+    }
+    fn fits_any_numbering(&self) -> bool {
+        self.0.fits_any_numbering()
+    }
+    fn gradient_sup(&self) -> f64 {
+        self.0.gradient_sup()
+    }
+    fn gradient_rms(&self) -> f64 {
+        self.0.gradient_rms()
+    }
+}
+
+fn cells() -> Vec<Cell> {
+    let of = |s: Surface| s.cell(Element::Hex).unwrap();
+    vec![
+        of(Surface::Gyroid),
+        of(Surface::SchwarzP).inverted(),
+        of(Surface::Iwp).shifted(0.3).unwrap(),
+        of(Surface::Diamond).with_solid(Solid::Sheet, 0.3).unwrap(),
+        of(Surface::Neovius)
+            .with_solid(Solid::Channels, 0.5)
+            .unwrap(),
+    ]
+}
+
+#[test]
+fn distances_are_those_of_the_general_way() {
+    // Anisotropic hexes of 40, 46 and 36 voxels.
+    let size = Vec3::new(2.0, 2.3, 1.8);
+    let scaffold = Scaffold::box_grid(size, [2, 2, 2], Kind::Hex8).unwrap();
+    let h = 0.025;
+    for (number, cell) in cells().iter().enumerate() {
+        let table = Table::new(cell).unwrap();
+        assert!(table.products().is_some(), "{}", cell.name());
+        let hidden = Hidden(&table);
+        for boundary in [Boundary::Cut, Boundary::Extend] {
+            let options = TilingOptions {
+                voxel_size: h,
+                half_width: 3.0 * h,
+                distance: Distance::Fast,
+                boundary,
+            };
+            let fast = TiledSolid::new(&scaffold, &table, options).unwrap();
+            let general = TiledSolid::new(&scaffold, &hidden, options).unwrap();
+            let (mut squares, mut count) = (0.0, 0);
+            for n in 0..30u32 {
+                // Some of them reach out of the box.
+                let spread = Vec3::new(0.819_17, 0.671_04, 0.549_70) * f64::from(n);
+                let corner = spread
+                    .map(f64::fract)
+                    .component_mul(&size)
+                    .add_scalar(-4.0 * h);
+                let lattice = SampleLattice {
+                    origin: WorldPoint(corner),
+                    step: h,
+                    counts: if n % 3 == 0 { [3, 2, 11] } else { [8; 3] },
+                };
+                let mut values = vec![0f32; lattice.len()];
+                fast.fill(&lattice, &mut values);
+                let bound = fast.bound(&lattice.span());
+                for (m, &v) in values.iter().enumerate() {
+                    let (v, p) = (f64::from(v), lattice.point(m));
+                    let single = fast.value(p);
+                    let off = ((v - single) / h).abs();
+                    assert!(off < 0.1, "{number} {boundary:?} {p:?} {v} {single}");
+                    squares += off * off;
+                    count += 1;
+                    // The table is off by its error, and so are kinks of sheets.
+                    let other = general.value(p);
+                    let slack = 4.0 * table.error_bound() / table.gradient_rms() + 0.02 * h;
+                    assert!(
+                        (single - other).abs() < slack,
+                        "{number} {p:?} {single} {other}"
+                    );
+                    assert!(bound.lo - 1e-5 * h <= v && v <= bound.hi + 1e-5 * h);
+                    assert!(bound.lo <= single + 1e-9 && single <= bound.hi + 1e-9);
+                    assert!(single.abs() < 1e-4 * h || (v < 0.0) == (single < 0.0));
+                }
+            }
+            let rms = f64::sqrt(squares / f64::from(count));
+            assert!(rms < 0.005, "{number} {boundary:?}: {rms} voxels rms");
+        }
+    }
+}
+
+#[test]
+fn bounds_contain_what_the_box_cuts() {
+    let scaffold = Scaffold::box_grid(Vec3::repeat(1.0), [1; 3], Kind::Hex8).unwrap();
+    let table = Table::new(&Surface::Gyroid.cell(Element::Hex).unwrap()).unwrap();
+    let h = 1.0 / 64.0;
+    let options = TilingOptions {
+        voxel_size: h,
+        half_width: 3.0 * h,
+        distance: Distance::Fast,
+        boundary: Boundary::Cut,
+    };
+    let solid = TiledSolid::new(&scaffold, &table, options).unwrap();
+    for n in 0..200u32 {
+        let spread = Vec3::new(0.819_17, 0.671_04, 0.549_70) * f64::from(n);
+        let min = spread.map(f64::fract) * 1.2 - Vec3::repeat(0.1);
+        let region = Aabb {
+            min,
+            max: min.add_scalar(h * f64::from(n % 40)),
+        };
+        let bound = solid.bound(&region);
+        for m in 0..64u32 {
+            let at = [m / 16, m / 4 % 4, m % 4].map(|i| f64::from(i) / 3.0);
+            let p = region.min + Vec3::from(at).component_mul(&region.size());
+            let v = solid.value(WorldPoint(p));
+            assert!(
+                bound.lo - 1e-12 <= v && v <= bound.hi + 1e-12,
+                "{bound:?} {v}"
+            );
+        }
+    }
+}
