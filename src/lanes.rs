@@ -4,6 +4,8 @@
 //! multiplications, which are recognised when the program runs, and for any processor of its kind. The
 //! second way gives the same bits everywhere: products and sums are rounded one by one, and nothing
 //! calls the mathematics library. The two ways differ by rounding.
+// Small functions of hot paths, which must be compiled for the processor that their caller is for.
+#![allow(clippy::inline_always)]
 
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, Ordering};

@@ -1,4 +1,6 @@
 //! Which voxels of a leaf are active: near the surface, or next to a change of sign.
+// Small functions of hot paths, which must be compiled for the processor that their caller is for.
+#![allow(clippy::inline_always)]
 
 use super::VOXELS;
 use crate::lanes::{Lanes, Work, run};

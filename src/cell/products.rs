@@ -8,6 +8,8 @@
 //! Functions along an axis are numbered: 0 is 1, 2 h - 1 is cos h, 2 h is sin h, of the angle
 //! 2 pi x. Derivatives are by the angles. What runs on lanes has no closures: they would be compiled
 //! for any processor.
+// Small functions of hot paths, which must be compiled for the processor that their caller is for.
+#![allow(clippy::inline_always)]
 
 use super::{Cell, Form, Solid};
 use crate::frame::Vec3;

@@ -3,6 +3,8 @@
 //! The field is evaluated at every sample, row by row. Its slope in the sense of rule Q, |F| / distance
 //! by two Newton steps, changes slowly: where cells are large in voxels it is evaluated at a few nodes
 //! of the leaf and interpolated between them, else at every sample.
+// Small functions of hot paths, which must be compiled for the processor that their caller is for.
+#![allow(clippy::inline_always)]
 
 use crate::cell::{Along, FUNCTIONS, Products};
 use crate::lanes::{Lanes, Work};
