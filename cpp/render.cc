@@ -7,6 +7,7 @@
 #include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
 
+#include <cmath>
 #include <limits>
 
 using namespace openvdb;
@@ -37,14 +38,8 @@ class Tracer {
 
   void sample(std::size_t i, std::size_t j, float* out) {
     out[0] = std::numeric_limits<float>::infinity();
-    const Vec3d through = vec(camera_.corner) + vec(camera_.du) * (double(i) + 0.5) + vec(camera_.dv) * (double(j) + 0.5);
-    Vec3d eye = through;
-    Vec3d direction = vec(camera_.forward);
-    if (camera_.perspective) {
-      eye = vec(camera_.eye);
-      direction = through - eye;
-      direction.normalize();
-    }
+    Vec3d eye, direction;
+    ray(i, j, eye, direction);
     double start = 0;
     if (axis_ >= 0 && side_ * (eye[axis_] - camera_.cut) > 0) {
       if (side_ * direction[axis_] >= 0) return;  // never leaves what is left away
@@ -55,16 +50,35 @@ class Tracer {
         return store(out, eye + direction * start, normal, start, true);
       }
     }
-    const Ray ray(eye + direction * start, direction, 1e-6 * grid_.voxelSize()[0], kFar);
+    const Ray beyond(eye + direction * start, direction, 1e-6 * grid_.voxelSize()[0], kFar);
     Vec3d point, normal;
     double time = 0;
-    if (tester_.intersectsWS(ray, point, normal, time)) {
+    if (tester_.intersectsWS(beyond, point, normal, time)) {
       if (normal.dot(direction) > 0) normal = -normal;
       store(out, point, normal, (point - eye).dot(direction), false);
     }
   }
 
+  // Puts a sample that was found in the light, perhaps in another grid, into this one's shadow.
+  void shade(std::size_t i, std::size_t j, float* out) {
+    if (!std::isfinite(out[0]) || out[5] == 0) return;
+    Vec3d eye, direction;
+    ray(i, j, eye, direction);
+    const Vec3d normal(out[1], out[2], out[3]);
+    if (!is_lit(eye + direction * double(out[0]) + normal * (1.5 * grid_.voxelSize()[0]))) out[5] = 0;
+  }
+
  private:
+  void ray(std::size_t i, std::size_t j, Vec3d& eye, Vec3d& direction) const {
+    eye = vec(camera_.corner) + vec(camera_.du) * (double(i) + 0.5) + vec(camera_.dv) * (double(j) + 0.5);
+    direction = vec(camera_.forward);
+    if (camera_.perspective) {
+      direction = eye - vec(camera_.eye);
+      direction.normalize();
+      eye = vec(camera_.eye);
+    }
+  }
+
   float value(const Vec3d& world) { return tools::BoxSampler::sample(access_, grid_.worldToIndex(world)); }
 
   void store(float* out, const Vec3d& point, const Vec3d& normal, double depth, bool on_cut) {
@@ -94,14 +108,14 @@ class Tracer {
 
 }  // namespace
 
-void grid_trace(const Grid& handle, const Camera& camera, rust::Slice<float> hits, const Host& host) {
-  const FloatGrid& grid = floats(handle);
+namespace {
+
+// Calls `visit` for each sample of a view, rows in parallel, with a tracer and the sample's numbers.
+template <typename Visit>
+void each_sample(const FloatGrid& grid, const Camera& camera, rust::Slice<float> hits, const Host& host,
+                 Visit&& visit) {
   if (hits.size() != kNumbers * camera.columns * camera.rows)
     throw std::invalid_argument("the picture's buffer has " + std::to_string(hits.size()) + " numbers");
-  if (grid.empty()) {
-    for (std::size_t n = 0; n < hits.size(); n += kNumbers) hits[n] = std::numeric_limits<float>::infinity();
-    return;
-  }
   const Tester tester(grid);
   Interrupter interrupter(host);
   in_arena(host, [&] {
@@ -110,11 +124,30 @@ void grid_trace(const Grid& handle, const Camera& camera, rust::Slice<float> hit
       for (std::size_t j = rows.begin(); j != rows.end(); ++j) {
         if (interrupter.wasInterrupted()) return;
         for (std::size_t i = 0; i < camera.columns; ++i)
-          tracer.sample(i, j, hits.data() + kNumbers * (j * camera.columns + i));
+          visit(tracer, i, j, hits.data() + kNumbers * (j * camera.columns + i));
       }
     });
   });
   if (interrupter.wasInterrupted()) throw std::runtime_error("interrupted");
+}
+
+}  // namespace
+
+void grid_trace(const Grid& handle, const Camera& camera, rust::Slice<float> hits, const Host& host) {
+  const FloatGrid& grid = floats(handle);
+  if (grid.empty()) {
+    for (std::size_t n = 0; n < hits.size(); n += kNumbers) hits[n] = std::numeric_limits<float>::infinity();
+    return;
+  }
+  each_sample(grid, camera, hits, host,
+              [](Tracer& tracer, std::size_t i, std::size_t j, float* out) { tracer.sample(i, j, out); });
+}
+
+void grid_shade(const Grid& handle, const Camera& camera, rust::Slice<float> hits, const Host& host) {
+  const FloatGrid& grid = floats(handle);
+  if (grid.empty()) return;
+  each_sample(grid, camera, hits, host,
+              [](Tracer& tracer, std::size_t i, std::size_t j, float* out) { tracer.shade(i, j, out); });
 }
 
 }  // namespace druse

@@ -151,13 +151,14 @@ pub fn main(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
     };
     session.finish();
     let answered = answered.unwrap_or_else(|_| Err(Failure::bug()));
-    // A signal that came while the work unwound decides the exit code, whatever the error says.
-    let code = match answered {
-        Ok(answer) => answer.print(&session),
-        Err(failure) => session.signals.exit_code().map_or_else(
-            || failure.print(&session),
-            |code| Failure::stopped(code).print(&session),
-        ),
+    // A signal that came while the work unwound decides the exit code, whatever the error says, unless
+    // what was done is kept.
+    let code = match (answered, session.signals.exit_code()) {
+        (Ok(answer), _) => answer.print(&session),
+        (Err(failure), Some(code)) if !failure.is_resumable() => {
+            Failure::stopped(code).print(&session)
+        }
+        (Err(failure), _) => failure.print(&session),
     };
     ExitCode::from(code)
 }

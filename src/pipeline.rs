@@ -19,7 +19,7 @@ use crate::band::BandStats;
 use crate::progress::{Cancelled, Progress, Threads};
 use crate::recipe::{GridWord, OutputKind, Recipe};
 use std::path::{Path, PathBuf};
-use std::time::Instant;
+use std::time::{Instant, SystemTime};
 
 mod attributes;
 mod beams;
@@ -365,6 +365,7 @@ fn targets<'a>(stock: &Stock<'a>, out: Option<&Path>) -> Result<Targets<'a>, Run
 /// Measures stages and asks after each whether to go on.
 struct Clock<'a> {
     progress: &'a dyn Progress,
+    began: SystemTime,
     last: Instant,
     stages: Vec<Stage>,
 }
@@ -373,6 +374,7 @@ impl<'a> Clock<'a> {
     fn new(progress: &'a dyn Progress) -> Self {
         Self {
             progress,
+            began: SystemTime::now(),
             last: Instant::now(),
             stages: Vec::new(),
         }

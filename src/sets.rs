@@ -10,6 +10,14 @@ impl Sets {
         Self((0..count).map(|n| n as u32).collect())
     }
 
+    /// So many more of one member; gives the first.
+    #[cfg(feature = "vdb")]
+    pub fn extend(&mut self, count: usize) -> usize {
+        let first = self.0.len();
+        self.0.extend((first..first + count).map(|n| n as u32));
+        first
+    }
+
     /// The least member of the set that holds `n`.
     pub fn root(&mut self, n: usize) -> usize {
         let mut n = n as u32;

@@ -275,6 +275,12 @@ impl LeafStore {
         slabs.filter(move |&origin| region.meets(origin, BLOCK))
     }
 
+    /// Slots of 8^3 voxels (x slowest, 16 a side) of a block that hold no leaf and lie inside; none
+    /// where no leaf is.
+    pub fn inside_slots(&self, block: Coord) -> Option<&[u64; 64]> {
+        self.blocks.get(&block).map(|b| &b.inside)
+    }
+
     /// Half width of the band, world units.
     pub fn background(&self) -> f32 {
         self.background

@@ -19,6 +19,7 @@ const MISSING: u8 = 66;
 const BUG: u8 = 70;
 const CREATE: u8 = 73;
 const IO: u8 = 74;
+const RESUMABLE: u8 = 75;
 
 /// Why a command failed, ready to be shown.
 #[derive(Debug, Default)]
@@ -107,6 +108,11 @@ impl Failure {
             },
             ..Self::default()
         }
+    }
+
+    /// Whether the same command goes on from here.
+    pub(super) fn is_resumable(&self) -> bool {
+        self.code == RESUMABLE
     }
 
     fn json(&self) -> Value {
@@ -292,6 +298,14 @@ impl From<RunError> for Failure {
             RunError::Budget { .. } => (DATA, Some("--memory SIZE, or larger voxels".to_owned())),
             RunError::Disk { .. } => (IO, Some("--out DIR on another disk".to_owned())),
             RunError::Bricks { advice, .. } => (DATA, Some(advice)),
+            RunError::Stopped { .. } => (
+                RESUMABLE,
+                Some("the same command goes on from there".to_owned()),
+            ),
+            RunError::Busy(_) => (
+                CREATE,
+                Some("wait for it, or --out DIR for another copy".to_owned()),
+            ),
             RunError::Plan { .. } => (
                 DATA,
                 Some("druse plan makes a plan of the recipe as it is here".to_owned()),
@@ -360,8 +374,14 @@ impl From<WriteError> for Failure {
             code: e.class().exit_code(),
             message: without(e.path(), e.to_string()),
             file: Some(e.path().display().to_string()),
-            hint: (e.class() == ErrorClass::Io)
-                .then(|| "nothing half-written stands under the final name".into()),
+            hint: (e.class() == ErrorClass::Io).then(|| {
+                if e.path().extension().is_some_and(|x| x == "leaves") {
+                    "bricks that are whole are kept: with room on the disk the same command goes on"
+                        .into()
+                } else {
+                    "nothing half-written stands under the final name".into()
+                }
+            }),
             ..Self::default()
         }
     }

@@ -22,6 +22,7 @@ use std::fs::{self, File, OpenOptions, Permissions};
 use std::io::{self, BufWriter, Seek, SeekFrom, Write};
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
+use std::time::SystemTime;
 use tempfile::{NamedTempFile, TempPath};
 
 /// Where the bytes go until the file is committed.
@@ -232,6 +233,38 @@ pub fn write_bytes(path: impl AsRef<Path>, bytes: &[u8]) -> Result<u64, WriteErr
     file.commit()
 }
 
+/// Removes the temporary files of a target that were last written before a time: what programs that
+/// were killed have left. Only for a caller who knows that nobody else writes the target.
+pub fn remove_abandoned(path: impl AsRef<Path>, before: SystemTime) {
+    let Ok(Target::Regular(target)) = Target::of(path.as_ref()) else {
+        return;
+    };
+    let Some((prefix, suffix)) = affixes(&target) else {
+        return;
+    };
+    let entries = fs::read_dir(directory_of(&target));
+    for entry in entries.into_iter().flatten().flatten() {
+        let name = entry.file_name();
+        let name = name.to_string_lossy();
+        let is_ours = name.len() > prefix.len() + suffix.len()
+            && name.starts_with(&prefix)
+            && name.ends_with(&suffix);
+        let written = entry.metadata().and_then(|m| m.modified());
+        if is_ours && written.is_ok_and(|t| t < before) {
+            let _ = fs::remove_file(entry.path());
+        }
+    }
+}
+
+/// What the names of a target's temporary files begin and end with; none for a name that is no text.
+fn affixes(target: &Path) -> Option<(String, String)> {
+    let name = target.file_name()?.to_str()?;
+    let stem: String = name.chars().take(64).collect();
+    let extension = target.extension().and_then(|e| e.to_str());
+    let suffix = extension.map_or_else(|| ".partial".into(), |e| format!(".partial.{e}"));
+    Some((format!(".{stem}."), suffix))
+}
+
 /// What stands under the target's name.
 enum Target {
     /// Nothing or a regular file, at this path free of symbolic links in its last part.
@@ -280,14 +313,11 @@ fn directory_of(path: &Path) -> &Path {
 /// or would get.
 fn stage(shown: &Path, target: &Path) -> Result<NamedTempFile, WriteError> {
     let directory = directory_of(target);
-    let Some(name) = target.file_name().and_then(|n| n.to_str()) else {
+    let Some((prefix, suffix)) = affixes(target) else {
         return Err(refused(shown, "it has no readable file name".into()));
     };
-    let stem: String = name.chars().take(64).collect();
-    let extension = target.extension().and_then(|e| e.to_str());
-    let suffix = extension.map_or_else(|| ".partial".into(), |e| format!(".partial.{e}"));
     let file = tempfile::Builder::new()
-        .prefix(&format!(".{stem}."))
+        .prefix(&prefix)
         .suffix(&suffix)
         .permissions(Permissions::from_mode(0o666))
         .tempfile_in(directory)

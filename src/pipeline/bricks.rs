@@ -16,7 +16,7 @@ use super::{Clock, Parts, RunOptions, Targets};
 use crate::band::{BLOCK, BandStats, LeafBatch, LeafFileHead, LeafFileWriter, LeafSink, LeafStore};
 use crate::frame::Coord;
 use crate::io::WriteError;
-use crate::io::atomic::AtomicFile;
+use crate::io::atomic::{AtomicFile, remove_abandoned};
 use crate::progress::{Progress, Threads};
 use crate::recipe::Recipe;
 use crate::vdb::LevelSet;
@@ -25,8 +25,10 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 mod budget;
+mod directory;
 mod farm;
 mod gather;
+mod later;
 mod measure;
 mod plan;
 mod reach;
@@ -34,10 +36,11 @@ mod reach;
 pub use farm::{brick_plan, make_bricks, merge_bricks};
 pub use plan::BrickPlan;
 
-use budget::{check_disk, directory_beside, edge_that_fits};
+use budget::{check_disk, edge_that_fits};
+use directory::{Lock, clear, directory_beside, make_directory, size_of};
 use gather::gather;
 use plan::layout;
-use reach::{reach, refusal};
+use reach::{Pass, passes, reach, refusal, widest};
 
 /// The plan's name among the bricks of a run.
 const PLAN: &str = "plan.json";
@@ -61,76 +64,144 @@ impl Progress for Quiet<'_> {
 struct Yard<'a> {
     pub stock: &'a Stock<'a>,
     pub plan: BrickPlan,
+    pub passes: Vec<Pass>,
     /// Where the leaf files are.
     pub directory: PathBuf,
     pub threads: &'a Threads,
     pub progress: &'a dyn Progress,
 }
 
-impl Yard<'_> {
-    /// The leaf file of a brick.
-    pub fn path(&self, brick: usize) -> PathBuf {
-        leaf_file(&self.directory, brick)
-    }
-
-    /// What that file begins with.
-    pub fn head(&self, brick: usize) -> LeafFileHead {
-        let recipe = self.stock.recipe;
-        let background = recipe.sections().band.half_width.0 * recipe.scale().voxel_size;
-        LeafFileHead {
-            plan: self.plan.digest(),
-            brick: brick as u64,
-            background: background as f32,
+impl<'a> Yard<'a> {
+    fn new(
+        stock: &'a Stock<'a>,
+        plan: BrickPlan,
+        directory: PathBuf,
+        threads: &'a Threads,
+        progress: &'a dyn Progress,
+    ) -> Self {
+        Self {
+            stock,
+            plan,
+            passes: passes(stock.recipe),
+            directory,
+            threads,
+            progress,
         }
     }
 
-    /// Makes some bricks, skipping those that are there and whole; gives the sampling's counts and how
-    /// many were skipped.
+    /// The leaf file of a brick after a pass, and what it begins with.
+    pub fn file(&self, pass: usize, brick: usize) -> (PathBuf, LeafFileHead) {
+        let recipe = self.stock.recipe;
+        let background = recipe.sections().band.half_width.0 * recipe.scale().voxel_size;
+        let mut digest = self.plan.digest();
+        let mut name = format!("brick-{brick:06}.leaves");
+        if pass > 0 {
+            let of_pass = [&digest[..], &(pass as u64).to_le_bytes()].concat();
+            digest = *blake3::hash(&of_pass).as_bytes();
+            name = format!("brick-{brick:06}.{pass}.leaves");
+        }
+        let head = LeafFileHead {
+            plan: digest,
+            brick: brick as u64,
+            background: background as f32,
+        };
+        (self.directory.join(name), head)
+    }
+
+    /// Bricks whose first pass is there.
+    fn whole(&self) -> usize {
+        let bricks = 0..self.plan.bricks.len();
+        bricks.filter(|&n| self.file(0, n).0.exists()).count()
+    }
+
+    /// A wish to stop as what it is: bricks that are there stay.
+    pub fn stopped(&self, error: RunError) -> RunError {
+        let made = self.whole();
+        if made == 0 || !error.is_cancelled() {
+            return error;
+        }
+        RunError::Stopped {
+            made,
+            count: self.plan.bricks.len(),
+            directory: self.directory.clone(),
+        }
+    }
+
+    /// Makes some bricks of the first pass, skipping those that are there and whole; gives the
+    /// sampling's counts and how many were skipped.
     pub fn make(&self, bricks: std::ops::Range<usize>) -> Result<(BandStats, usize), RunError> {
         let bench = Bench::new(self.stock.recipe, self.threads, self.progress);
         let shape = super::shape::shape(self.stock, bench.scale)?;
         let (mut stats, mut skipped) = (BandStats::default(), 0);
         self.progress.stage("bricks", Some(bricks.len() as u64));
         for brick in bricks {
-            if LeafStore::check(&self.path(brick), &self.head(brick)).is_ok() {
-                skipped += 1;
-            } else {
-                stats += self.make_one(brick, &shape)?;
+            let made = self.make_file(0, brick, |writer| self.sample(brick, &shape, writer))?;
+            match made {
+                Some(counts) => stats += counts,
+                None => skipped += 1,
             }
             self.progress.advance(1);
         }
         Ok((stats, skipped))
     }
 
-    fn make_one(&self, brick: usize, shape: &Shape) -> Result<BandStats, RunError> {
-        let path = self.path(brick);
-        let file = AtomicFile::create(&path)?;
+    /// Makes the leaf file of a brick, whole or not at all; nothing is done where it is there.
+    fn make_file<T>(
+        &self,
+        pass: usize,
+        brick: usize,
+        fill: impl FnOnce(&LeafFileWriter<AtomicFile>) -> Result<T, RunError>,
+    ) -> Result<Option<T>, RunError> {
+        let (path, head) = self.file(pass, brick);
+        if LeafStore::check(&path, &head).is_ok() {
+            return Ok(None);
+        }
         let failed = |e: io::Error| RunError::Write(unwritten(&path, e));
-        let writer = LeafFileWriter::new(file, &self.head(brick)).map_err(failed)?;
+        let writer = LeafFileWriter::new(AtomicFile::create(&path)?, &head).map_err(failed)?;
+        let found = fill(&writer).map_err(|e| stored(&path, e))?;
+        writer.finish().map_err(failed)?.commit()?;
+        Ok(Some(found))
+    }
+
+    /// The first pass: samples a brick and does the operations that it can do by itself.
+    fn sample(
+        &self,
+        brick: usize,
+        shape: &Shape,
+        writer: &LeafFileWriter<AtomicFile>,
+    ) -> Result<BandStats, RunError> {
         let region = self.plan.region(brick);
         let quiet = Quiet(self.progress);
         let mut bench = Bench::new(self.stock.recipe, self.threads, &quiet);
-        let ops = &self.stock.recipe.sections().op;
-        let first = self.stock.pointwise();
-        let stats = if ops.len() == first {
-            bench
-                .band(shape)?
-                .evaluate_within(region, self.threads, &quiet, &writer)
-                .map_err(|e| stored(&path, RunError::band("bricks")(e)))?
-        } else {
-            let sampled = region.grown(self.plan.halo());
-            bench.region = Some(sampled);
-            let (mut solid, stats) = bench.sample(shape, "band")?;
-            let mut unread = SolidReport::default();
-            for (n, op) in ops.iter().enumerate().skip(first) {
-                operate::apply(&mut bench, self.stock, (n, op), &mut solid, &mut unread)?;
-            }
-            crop(&solid, sampled.min, region, &writer)?;
-            stats
-        };
-        writer.finish().map_err(failed)?.commit()?;
+        let pass = &self.passes[0];
+        if pass.ops.is_empty() {
+            let band = bench.band(shape)?;
+            return band
+                .evaluate_within(region, self.threads, &quiet, writer)
+                .map_err(RunError::band("bricks"));
+        }
+        let sampled = region.grown(pass.halo);
+        bench.region = Some(sampled);
+        let (mut solid, stats) = bench.sample(shape, "band")?;
+        operate_on(&mut bench, self.stock, pass, &mut solid)?;
+        crop(&solid, sampled.min, region, writer)?;
         Ok(stats)
     }
+}
+
+/// Does the operations of a pass to a part of the solid.
+fn operate_on(
+    bench: &mut Bench,
+    stock: &Stock,
+    pass: &Pass,
+    solid: &mut LevelSet,
+) -> Result<(), RunError> {
+    let mut unread = SolidReport::default();
+    let ops = stock.recipe.sections().op.iter().enumerate();
+    for (n, op) in ops.take(pass.ops.end).skip(pass.ops.start) {
+        operate::apply(bench, stock, (n, op), solid, &mut unread)?;
+    }
+    Ok(())
 }
 
 /// Hands the leaves of a level set, whose voxel (0, 0, 0) is `first`, that lie in a region to a sink.
@@ -161,11 +232,6 @@ fn crop(
     Ok(())
 }
 
-/// The leaf file of a brick in a directory.
-fn leaf_file(directory: &Path, brick: usize) -> PathBuf {
-    directory.join(format!("brick-{brick:06}.leaves"))
-}
-
 fn unwritten(path: &Path, error: io::Error) -> WriteError {
     WriteError::Io {
         path: path.to_owned(),
@@ -190,10 +256,11 @@ fn stored(path: &Path, error: RunError) -> RunError {
     }
 }
 
-/// The edge of bricks in blocks, and their halo in voxels.
+/// The edge of bricks in blocks; in voxels their widest halo, and how far the solid may move.
 struct Layout {
     edge: u32,
     halo: i32,
+    reach: i32,
 }
 
 /// Whether a run must go through bricks, or is asked to, and through which.
@@ -224,33 +291,37 @@ pub(super) fn run(
     clock: &mut Clock,
 ) -> Result<Parts, RunError> {
     let directory = directory_beside(stock.recipe, options.out.as_deref());
+    make_directory(&directory)?;
+    let lock = Lock::take(&directory)?;
     let (plan, is_new) =
         resumed(&directory, stock, options.bricks).map_or((plan, true), |p| (p, false));
-    let parent = directory.parent().unwrap_or(Path::new("."));
-    if is_new {
-        // Bricks of another plan are of no use.
-        let _ = std::fs::remove_dir_all(&directory);
-        check_disk(
-            parent,
-            plan.leaf_bytes + estimate::disk(stock, threads, plan.leaf_bytes),
-        )?;
+    // Bricks of another plan are of no use, nor is what a killed run has begun.
+    clear(&directory, |name| is_new || name.starts_with('.'));
+    for path in targets.files.iter().map(|(_, path)| path) {
+        remove_abandoned(path, clock.began);
     }
-    std::fs::create_dir_all(&directory).map_err(|e| WriteError::Create {
-        path: directory.clone(),
-        reason: e.to_string(),
-    })?;
-    let text = serde_json::to_string(&plan).unwrap_or_default();
-    crate::io::atomic::write_bytes(directory.join(PLAN), text.as_bytes())?;
-    let yard = Yard {
-        stock,
-        plan,
-        directory,
-        threads,
-        progress: clock.progress,
-    };
+    let yard = Yard::new(stock, plan, directory, threads, clock.progress);
+    let bricks = yard.plan.leaf_bytes * yard.passes.len() as u64;
+    let all = bricks + estimate::disk(stock, threads, yard.plan.leaf_bytes);
+    let there = size_of(&yard.directory);
+    let checked = check_disk(&yard.directory, all.saturating_sub(there));
+    let done = checked.and_then(|()| {
+        let text = serde_json::to_string(&yard.plan).unwrap_or_default();
+        crate::io::atomic::write_bytes(yard.directory.join(PLAN), text.as_bytes())?;
+        whole_run(&yard, targets, clock)
+    });
+    // What was made is kept for the next run, if anything was.
+    if done.is_ok() || yard.whole() == 0 {
+        let _ = std::fs::remove_dir_all(&yard.directory);
+    }
+    drop(lock);
+    done.map_err(|e| yard.stopped(e))
+}
+
+fn whole_run(yard: &Yard, targets: &Targets, clock: &mut Clock) -> Result<Parts, RunError> {
     let (stats, whole) = yard.make(0..yard.plan.bricks.len())?;
     clock.lap("bricks")?;
-    let mut parts = gather(&yard, None, targets, clock)?;
+    let mut parts = gather(yard, None, targets, clock)?;
     parts.band.active_voxels_sampled = stats.active_voxels;
     parts.band.leaves_touched = stats.leaves_touched;
     parts.band.leaves_kept = stats.leaves_kept;
@@ -258,7 +329,6 @@ pub(super) fn run(
     if let Some(bricks) = &mut parts.bricks {
         bricks.found_whole = whole as u64;
     }
-    let _ = std::fs::remove_dir_all(&yard.directory);
     Ok(parts)
 }
 
@@ -293,7 +363,7 @@ fn lay_out(
             reason.into(),
         ));
     }
-    let halo = reach(stock.recipe);
+    let (halo, reach) = (widest(stock.recipe), reach(stock.recipe));
     let edge = match edge {
         Some(edge) => edge,
         None => edge_that_fits(stock, threads, counts, halo, budget)?,
@@ -307,7 +377,7 @@ fn lay_out(
             stock, threads, counts, budget, reason,
         ));
     }
-    Ok(Layout { edge, halo })
+    Ok(Layout { edge, halo, reach })
 }
 
 /// A recipe's scale and half width as the words of a file name them.

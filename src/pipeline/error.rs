@@ -131,6 +131,22 @@ pub enum RunError {
         /// The command that makes them.
         advice: String,
     },
+    /// A run in bricks was asked to stop; what it has made is kept.
+    #[error(
+        "stopped with {made} of {count} bricks made; they are kept in {}",
+        .directory.display()
+    )]
+    Stopped {
+        /// Where they are.
+        directory: PathBuf,
+        /// Bricks that are there.
+        made: usize,
+        /// All bricks.
+        count: usize,
+    },
+    /// Another run works on the same outputs.
+    #[error("{}: another run works on these bricks", .0.display())]
+    Busy(PathBuf),
     /// A plan cannot be used, or not with what is here.
     #[error("{}: {message}", .plan.display())]
     Plan {
@@ -173,7 +189,21 @@ pub enum RunError {
     Cancelled(#[from] Cancelled),
 }
 
+impl From<VdbError> for RunError {
+    fn from(error: VdbError) -> Self {
+        Self::level_set("picture")(error)
+    }
+}
+
 impl RunError {
+    /// Whether the user asked to stop, wherever that was noticed.
+    pub(super) fn is_cancelled(&self) -> bool {
+        matches!(
+            self,
+            Self::Cancelled(_) | Self::File(FileError::Cancelled(_))
+        )
+    }
+
     pub(super) fn band(stage: &str) -> impl Fn(BandError) -> Self + '_ {
         move |error| match error {
             BandError::Cancelled(c) => Self::Cancelled(c),
@@ -218,6 +248,12 @@ pub(super) fn short(v: f64) -> String {
     }
 }
 
+/// Rounded up, in MiB where that is less than a GiB.
 fn gibibytes(bytes: u64) -> String {
-    format!("{:.1} GiB", bytes as f64 / (1u64 << 30) as f64)
+    let (mebi, gibi) = (bytes as f64 / 1048576.0, bytes as f64 / 1073741824.0);
+    if gibi < 1.0 {
+        format!("{:.0} MiB", mebi.ceil())
+    } else {
+        format!("{:.1} GiB", (10.0 * gibi).ceil() / 10.0)
+    }
 }

@@ -283,6 +283,15 @@ fn predict(stock: &Stock, threads: &Threads, c: &Counts) -> Estimate {
     }
 }
 
+/// Memory of the largest picture of a run, bytes.
+pub(super) fn picture_bytes(stock: &Stock) -> f64 {
+    let outputs = stock.recipe.sections().output.iter();
+    let pictures = outputs.filter(|o| o.picture.is_some());
+    pictures
+        .map(|o| pixels(o) * PIXEL_BYTES)
+        .fold(0.0, f64::max)
+}
+
 fn pixels(output: &Output) -> f64 {
     let size = output.size.unwrap_or_default();
     f64::from(size.0) * f64::from(size.1)

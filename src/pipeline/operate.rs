@@ -9,7 +9,7 @@ use crate::band::{Band, BandStats, Region};
 use crate::frame::{Aabb, Transform};
 use crate::progress::{Progress, Threads};
 use crate::recipe::{Kernel, Op, Recipe, Resample, Scale, Side};
-use crate::vdb::{LevelSet, LevelSetBuilder, Scheme, Session, VdbError, WallSide};
+use crate::vdb::{LevelSet, LevelSetBuilder, Scheme, Session, Unwanted, VdbError, WallSide};
 
 /// What every stage of a run shares.
 #[derive(Clone, Copy)]
@@ -111,18 +111,9 @@ pub(super) fn apply(
         }
         Op::Resample(r) => resample(bench, r, solid, &failed)?,
         Op::KeepLargest(true) | Op::DropSmall(_) | Op::FillVoids(_) => {
-            let dropped = match op {
-                Op::DropSmall(d) => solid.drop_small(d.volume.0, session),
-                Op::FillVoids(most) => solid.fill_voids(most.0, session),
-                _ => solid.keep_largest(session),
-            };
-            let dropped = dropped.map_err(&failed)?;
-            if matches!(op, Op::FillVoids(_)) {
-                report.filled_voids += dropped.pieces as u64;
-                report.filled_volume += dropped.volume;
-            } else {
-                report.dropped_components += dropped.pieces as u64;
-                report.dropped_volume += dropped.volume;
+            if let Some(unwanted) = unwanted(op) {
+                let dropped = solid.remove(unwanted, session).map_err(&failed)?;
+                report.add(unwanted, dropped);
             }
         }
         _ => match op.mask() {
@@ -147,6 +138,16 @@ pub(super) fn apply(
         return Err(RunError::Empty(stage.clone()));
     }
     Ok(())
+}
+
+/// The pieces that an operation removes from the solid as a whole.
+pub(super) fn unwanted(op: &Op) -> Option<Unwanted> {
+    match op {
+        Op::KeepLargest(true) => Some(Unwanted::ButLargest),
+        Op::DropSmall(d) => Some(Unwanted::Smaller(d.volume.0)),
+        Op::FillVoids(most) => Some(Unwanted::Voids(most.0)),
+        _ => None,
+    }
 }
 
 /// Operations that need nothing but the solid.

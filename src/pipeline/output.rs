@@ -9,7 +9,7 @@ use crate::frame::{Aabb, LengthUnit, Transform};
 use crate::io::atomic::{StagedPath, write_bytes};
 use crate::mesh::TriMesh;
 use crate::recipe::{Compression as Wanted, GridWord, Op, Output, OutputKind, Recipe, Segments};
-use crate::vdb::{Compression, LevelSet, Placement, VdbWriter};
+use crate::vdb::{Compression, LevelSet, Picture, Placement, VdbWriter};
 use std::path::{Path, PathBuf};
 
 /// Where an output goes: beside the recipe, or under the directory asked for.
@@ -62,17 +62,25 @@ pub(super) fn write(
             }]
         }
         OutputKind::Picture => {
-            let size = output.size.unwrap_or_default();
-            let cut = output.cut.map(|c| (c.axis, c.at));
-            let png = done
-                .solid
-                .picture(size.0 as usize, size.1 as usize, cut, bench.session())
-                .map_err(RunError::level_set("picture"))?;
+            let failed = RunError::level_set("picture");
+            let image = done.solid.render(&picture(output), bench.session());
+            let png = image.and_then(|i| i.png()).map_err(failed)?;
             write_bytes(path, &png)?;
             vec![listed(path, None)?]
         }
         OutputKind::Report => Vec::new(),
     })
+}
+
+/// The picture that an output asks for.
+pub(super) fn picture(output: &Output) -> Picture {
+    let size = output.size.unwrap_or_default();
+    Picture {
+        width: size.0 as usize,
+        height: size.1 as usize,
+        cut: output.cut.map(|c| (c.axis, c.at)),
+        ..Picture::default()
+    }
 }
 
 /// What the report says of any file.

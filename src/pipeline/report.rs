@@ -2,6 +2,7 @@
 
 use crate::frame::Aabb;
 use crate::tiling::{Certificate, FaceStatistics, Seam};
+use crate::vdb::{Dropped, Unwanted};
 use serde::Serialize;
 use std::collections::BTreeMap;
 
@@ -129,8 +130,7 @@ pub struct BandReport {
     pub voxels_evaluated: u64,
 }
 
-/// A run in bricks. Walls and components are not measured then (`components` is 0), and of the
-/// sampling the counts are those of the bricks that this run made.
+/// A run in bricks. Of the sampling the counts are those of the bricks that this run made.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct BricksReport {
     /// Number of bricks.
@@ -173,6 +173,19 @@ pub struct SolidReport {
     /// The box around it.
     #[serde(rename = "box", serialize_with = "maybe_corners")]
     pub bounds: Option<Aabb>,
+}
+
+impl SolidReport {
+    /// Notes what an operation removed.
+    pub(super) fn add(&mut self, unwanted: Unwanted, dropped: Dropped) {
+        if matches!(unwanted, Unwanted::Voids(_)) {
+            self.filled_voids += dropped.pieces as u64;
+            self.filled_volume += dropped.volume;
+        } else {
+            self.dropped_components += dropped.pieces as u64;
+            self.dropped_volume += dropped.volume;
+        }
+    }
 }
 
 /// Time of a stage.

@@ -33,6 +33,13 @@ pub(super) fn insert(bits: &mut Bits, offset: usize) {
     bits[offset >> 6] |= 1 << (offset & 63);
 }
 
+/// Adds the voxels of another set.
+pub(super) fn add(bits: &mut Bits, other: &Bits) {
+    for (b, o) in bits.iter_mut().zip(other) {
+        *b |= o;
+    }
+}
+
 /// The set and its neighbours across faces.
 fn grown(bits: &Bits) -> Bits {
     let mut out = [0; 8];
@@ -89,6 +96,19 @@ pub(super) fn face(bits: &Bits, axis: usize, last: bool) -> Bits {
     out
 }
 
+/// A face's 64 bits in one word; voxels that face each other have the same bit.
+pub(super) fn packed(face: &Bits, axis: usize) -> u64 {
+    let bytes = face.iter().enumerate();
+    match axis {
+        0 => face[0],
+        1 => bytes.fold(0, |out, (x, w)| out | (w & 0xff) << (8 * x)),
+        // Gathers the bits 0, 8, 16 ... 56: each meets the product's highest byte once.
+        _ => bytes.fold(0, |out, (x, w)| {
+            out | (w & Z_FIRST).wrapping_mul(0x0102_0408_1020_4080) >> 56 << (8 * x)
+        }),
+    }
+}
+
 pub(super) fn meet(a: &Bits, b: &Bits) -> bool {
     a.iter().zip(b).any(|(a, b)| a & b != 0)
 }
@@ -140,6 +160,7 @@ mod tests {
 
     #[test]
     fn faces_face_each_other() {
+        let mut seen = [0u64; 3];
         for axis in 0..3 {
             let step = [64, 8, 1][axis];
             for n in 0..512usize {
@@ -152,6 +173,11 @@ mod tests {
                 insert(&mut there, n - 7 * step);
                 assert!(meet(&face(&here, axis, true), &face(&there, axis, false)));
                 assert!(is_empty(&face(&here, axis, false)));
+                let one = packed(&face(&here, axis, true), axis);
+                assert_eq!(one, packed(&face(&there, axis, false), axis));
+                assert_eq!(one.count_ones(), 1);
+                assert!(seen[axis] & one == 0, "each voxel has a bit of its own");
+                seen[axis] |= one;
             }
         }
     }

@@ -41,16 +41,7 @@ impl View {
         let up = right.cross(&forward);
         let centre = bounds.centre().0;
         let radius = bounds.half_diagonal().max(f64::MIN_POSITIVE);
-        let corners = (0..8).map(|n| {
-            let pick = |a: usize| {
-                if n >> a & 1 == 0 {
-                    bounds.min[a]
-                } else {
-                    bounds.max[a]
-                }
-            };
-            Vec3::new(pick(0), pick(1), pick(2)) - centre
-        });
+        let corners = corners(bounds).map(|c| c - centre);
         // Far enough that the whole sphere around the box is in front.
         let distance = if perspective {
             radius / HALF_ANGLE.sin()
@@ -116,6 +107,45 @@ impl View {
         }
     }
 
+    /// The samples that may see a box, `low` and `high` included; none where it is out of the frame.
+    pub fn window(&self, bounds: Aabb) -> Option<([usize; 2], [usize; 2])> {
+        let mut low = [f64::INFINITY; 2];
+        let mut high = [f64::NEG_INFINITY; 2];
+        for c in corners(bounds) {
+            let from_eye = c - self.eye;
+            let scale = (self.corner - self.eye).dot(&self.forward) / from_eye.dot(&self.forward);
+            let through = if self.perspective {
+                self.eye + from_eye * scale
+            } else {
+                c
+            };
+            for (a, axis) in [self.du, self.dv].iter().enumerate() {
+                let at = (through - self.corner).dot(axis) / axis.norm_squared();
+                low[a] = low[a].min(at);
+                high[a] = high[a].max(at);
+            }
+        }
+        let most = [self.columns, self.rows].map(|n| n as f64 - 1.0);
+        let is_seen = (0..2).all(|a| high[a] >= -1.0 && low[a] <= most[a] + 1.0);
+        let inner = |v: [f64; 2], by: f64| [0, 1].map(|a| (v[a] + by).clamp(0.0, most[a]) as usize);
+        is_seen.then(|| (inner(low, -1.0), inner(high, 1.0)))
+    }
+
+    /// The samples from `low` to `high`, both included, as a view of their own.
+    pub fn part(&self, low: [usize; 2], high: [usize; 2]) -> Self {
+        Self {
+            corner: self.corner + self.du * low[0] as f64 + self.dv * low[1] as f64,
+            columns: high[0] - low[0] + 1,
+            rows: high[1] - low[1] + 1,
+            ..*self
+        }
+    }
+
+    /// Samples along a row, and rows.
+    pub fn size(&self) -> [usize; 2] {
+        [self.columns, self.rows]
+    }
+
     /// Edge of a sample at the distance of the centre, world units.
     pub fn pixel(&self) -> f64 {
         self.du.norm()
@@ -147,4 +177,12 @@ impl View {
             cut: cut.map_or(0.0, |(_, at)| at),
         }
     }
+}
+
+/// The eight corners of a box.
+fn corners(bounds: Aabb) -> [Vec3; 8] {
+    std::array::from_fn(|n| {
+        let ends = [bounds.min, bounds.max];
+        Vec3::new(ends[n & 1].x, ends[n >> 1 & 1].y, ends[n >> 2].z)
+    })
 }

@@ -146,8 +146,12 @@ impl LevelSet {
             bins.iter_mut().zip(b).for_each(|(a, b)| *a += b);
         }
         total.torn += torn_tiles(&index);
-        let solid = Pieces::find(&index, Side::Solid, self.voxel_size(), session)?.counted();
-        let voids = Pieces::find(&index, Side::Void, self.voxel_size(), session)?.counted();
+        let solid = Pieces::find(&index, Side::Solid, self.voxel_size(), session)?
+            .ranking
+            .counted();
+        let voids = Pieces::find(&index, Side::Void, self.voxel_size(), session)?
+            .ranking
+            .counted();
         let inside: u64 = solid.iter().map(|p| p.voxels).sum();
         Ok(LevelSetCheck {
             voxel_size: self.voxel_size(),

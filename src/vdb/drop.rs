@@ -8,11 +8,15 @@
 use super::bits::{self, Bits};
 use super::ffi;
 use super::index::{FACES, LeafIndex, offset};
-use super::pieces::{Pieces, Side};
-use super::{LevelSet, Piece, Session, VdbError};
+use super::pieces::{Pieces, Ranking, Side};
+use super::{LeafView, LevelSet, Piece, Session, VdbError};
 use crate::frame::Coord;
 use std::cmp::Reverse;
 use std::collections::{BinaryHeap, HashMap};
+
+/// Half widths of the band that a removal looks to each side: steepest descents lead a band's width
+/// down, at worst along its diagonals, and distances march as far again.
+pub const REMOVAL_REACH: f64 = 4.0;
 
 /// What an operation removed.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -23,43 +27,35 @@ pub struct Dropped {
     pub volume: f64,
 }
 
-impl LevelSet {
-    /// Removes every piece of the solid but the largest (of equals, the first in order of place).
-    ///
-    /// # Errors
-    /// [`VdbError::Cancelled`], or what OpenVDB refuses.
-    pub fn keep_largest(&mut self, session: Session<'_>) -> Result<Dropped, VdbError> {
-        self.drop_pieces(Side::Solid, session, |number, _| number > 0)
+/// Which pieces are removed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Unwanted {
+    /// Every piece of the solid but the largest (of equals, the first in order of place).
+    ButLargest,
+    /// Every piece of the solid whose volume (world units cubed) is smaller.
+    Smaller(f64),
+    /// Every void whose volume (world units cubed) is at most this; infinity means all.
+    Voids(f64),
+}
+
+impl Unwanted {
+    /// Where its pieces are.
+    pub(super) fn side(self) -> Side {
+        match self {
+            Self::Voids(_) => Side::Void,
+            _ => Side::Solid,
+        }
     }
 
-    /// Removes every piece of the solid whose volume (world units cubed) is smaller than `volume`.
-    ///
-    /// # Errors
-    /// As [`LevelSet::keep_largest`].
-    pub fn drop_small(&mut self, volume: f64, session: Session<'_>) -> Result<Dropped, VdbError> {
-        self.drop_pieces(Side::Solid, session, |_, piece| piece.volume < volume)
-    }
-
-    /// Fills every void whose volume (world units cubed) is at most `volume`; infinity fills all.
-    /// What it reports are voids.
-    ///
-    /// # Errors
-    /// As [`LevelSet::keep_largest`].
-    pub fn fill_voids(&mut self, volume: f64, session: Session<'_>) -> Result<Dropped, VdbError> {
-        self.drop_pieces(Side::Void, session, |_, piece| piece.volume <= volume)
-    }
-
-    fn drop_pieces(
-        &mut self,
-        side: Side,
-        session: Session<'_>,
-        unwanted: impl Fn(usize, &Piece) -> bool,
-    ) -> Result<Dropped, VdbError> {
-        let leaves = self.leaves()?;
-        let index = LeafIndex::new(self, &leaves, side == Side::Void)?;
-        let found = Pieces::find(&index, side, self.voxel_size(), session)?;
+    /// Which pieces of a ranking are removed, and how much that is.
+    pub(super) fn choose(self, found: &Ranking) -> (Vec<bool>, Dropped) {
+        let takes = |number: usize, piece: &Piece| match self {
+            Self::ButLargest => number > 0,
+            Self::Smaller(volume) => piece.volume < volume,
+            Self::Voids(volume) => piece.volume <= volume,
+        };
         let chosen: Vec<bool> = (found.list.iter().enumerate())
-            .map(|(n, piece)| found.endless != Some(n) && (n >= found.count || unwanted(n, piece)))
+            .map(|(n, piece)| found.endless != Some(n) && (n >= found.count || takes(n, piece)))
             .collect();
         let mut dropped = Dropped::default();
         let counted = found.list.iter().zip(&chosen).take(found.count);
@@ -67,30 +63,96 @@ impl LevelSet {
             dropped.pieces += 1;
             dropped.volume += piece.volume;
         }
+        (chosen, dropped)
+    }
+}
+
+impl LevelSet {
+    /// Removes whole pieces. Of voids, what is reported are voids.
+    ///
+    /// # Errors
+    /// [`VdbError::Cancelled`], or what OpenVDB refuses.
+    pub fn remove(
+        &mut self,
+        unwanted: Unwanted,
+        session: Session<'_>,
+    ) -> Result<Dropped, VdbError> {
+        let side = unwanted.side();
+        let leaves = self.leaves()?;
+        let index = LeafIndex::new(self, &leaves, side == Side::Void)?;
+        let found = Pieces::find(&index, side, self.voxel_size(), session)?;
+        let (chosen, dropped) = unwanted.choose(&found.ranking);
         if !chosen.contains(&true) {
             return Ok(dropped);
         }
-        let edit = Removal::new(self, &index, &found, &chosen, side).edit();
+        let removed = (0..index.leaves.len()).map(|leaf| (leaf, found.chosen_in(leaf, &chosen)));
+        let mut edit = Removal::new(self, &index, side, removed).edit();
+        for (n, tile) in index.tiles.iter().enumerate() {
+            let piece = found.ranking.piece_of[found.tiles_from + n];
+            if chosen.get(piece) == Some(&true) {
+                let [x, y, z] = tile.origin.0;
+                edit.tiles.push([x, y, z, tile.edge]);
+            }
+        }
         drop(leaves);
+        self.overwrite(&edit, session)?;
+        Ok(dropped)
+    }
+
+    /// Removes the part of the band that chosen voxels have, by leaf. Of a part of a level set (whose
+    /// voxel (0, 0, 0) is `first` of the whole) what lies at least [`REMOVAL_REACH`] half widths of the
+    /// band from its ends is then as in the whole; beyond the band the old signs stay.
+    pub(super) fn remove_chosen(
+        &mut self,
+        side: Side,
+        chosen: impl Fn(&LeafView<'_>) -> Bits,
+        session: Session<'_>,
+    ) -> Result<(), VdbError> {
+        let leaves = self.leaves()?;
+        let index = LeafIndex::new(self, &leaves, side == Side::Void)?;
+        let removed = index.leaves.iter().map(chosen).enumerate();
+        let edit = Removal::new(self, &index, side, removed).edit();
+        drop(leaves);
+        self.overwrite(&edit, session)
+    }
+
+    fn overwrite(&mut self, edit: &Edit, session: Session<'_>) -> Result<(), VdbError> {
         self.change("removing pieces", session, |grid, host| {
-            let Edit {
-                origins,
-                masks,
-                values,
-                tiles,
-                fill,
-            } = edit;
             ffi::grid_edit(
                 grid,
-                origins.as_flattened(),
-                masks.as_flattened(),
-                values.as_flattened(),
-                tiles.as_flattened(),
-                fill,
+                edit.origins.as_flattened(),
+                edit.masks.as_flattened(),
+                edit.values.as_flattened(),
+                edit.tiles.as_flattened(),
+                edit.fill,
                 host,
             )
-        })?;
-        Ok(dropped)
+        })
+    }
+
+    /// Removes every piece of the solid but the largest (of equals, the first in order of place).
+    ///
+    /// # Errors
+    /// As [`LevelSet::remove`].
+    pub fn keep_largest(&mut self, session: Session<'_>) -> Result<Dropped, VdbError> {
+        self.remove(Unwanted::ButLargest, session)
+    }
+
+    /// Removes every piece of the solid whose volume (world units cubed) is smaller than `volume`.
+    ///
+    /// # Errors
+    /// As [`LevelSet::remove`].
+    pub fn drop_small(&mut self, volume: f64, session: Session<'_>) -> Result<Dropped, VdbError> {
+        self.remove(Unwanted::Smaller(volume), session)
+    }
+
+    /// Fills every void whose volume (world units cubed) is at most `volume`; infinity fills all.
+    /// What it reports are voids.
+    ///
+    /// # Errors
+    /// As [`LevelSet::remove`].
+    pub fn fill_voids(&mut self, volume: f64, session: Session<'_>) -> Result<Dropped, VdbError> {
+        self.remove(Unwanted::Voids(volume), session)
     }
 }
 
@@ -107,8 +169,6 @@ struct Edit {
 /// voxels have psi <= 0 and the other side of their surface psi > 0.
 struct Removal<'a> {
     index: &'a LeafIndex<'a>,
-    found: &'a Pieces,
-    chosen: &'a [bool],
     /// Voxels of chosen pieces, for the leaves that have any.
     removed: HashMap<usize, Bits>,
     /// +1 when solid is removed, -1 when voids are.
@@ -123,19 +183,14 @@ impl<'a> Removal<'a> {
     fn new(
         level_set: &LevelSet,
         index: &'a LeafIndex<'a>,
-        found: &'a Pieces,
-        chosen: &'a [bool],
         side: Side,
+        chosen: impl Iterator<Item = (usize, Bits)>,
     ) -> Self {
         let mut removed = HashMap::new();
         let mut patch = Vec::new();
         // The band reaches that many leaves further.
         let rings = (level_set.half_width() / 8.0).ceil() as i32;
-        for leaf in 0..index.leaves.len() {
-            let bits = found.chosen_in(leaf, chosen);
-            if bits::is_empty(&bits) {
-                continue;
-            }
+        for (leaf, bits) in chosen.filter(|(_, bits)| !bits::is_empty(bits)) {
             removed.insert(leaf, bits);
             let o = index.leaves[leaf].origin;
             for x in -rings..=rings {
@@ -150,8 +205,6 @@ impl<'a> Removal<'a> {
         patch.dedup();
         Self {
             index,
-            found,
-            chosen,
             removed,
             sign: if side == Side::Solid { 1.0 } else { -1.0 },
             background: level_set.background() as f32,
@@ -196,13 +249,6 @@ impl<'a> Removal<'a> {
             edit.origins.push(view.origin.0);
             edit.masks.push(mask);
             edit.values.push(values);
-        }
-        for (n, tile) in self.index.tiles.iter().enumerate() {
-            let piece = self.found.piece_of[self.found.tiles_from + n];
-            if self.chosen.get(piece) == Some(&true) {
-                let [x, y, z] = tile.origin.0;
-                edit.tiles.push([x, y, z, tile.edge]);
-            }
         }
         edit
     }

@@ -392,6 +392,13 @@ mod bridge {
             hits: &mut [f32],
             host: &Host<'_>,
         ) -> Result<()>;
+        /// Takes the light from samples, as `grid_trace` gives them, that a grid keeps it from.
+        fn grid_shade(
+            grid: &Grid,
+            camera: &Camera,
+            hits: &mut [f32],
+            host: &Host<'_>,
+        ) -> Result<()>;
     }
 }
 

@@ -39,6 +39,8 @@ pub(super) enum Side {
 
 /// What a piece must be deep, in voxels.
 const LEAST_DEPTH: f64 = 1e-3;
+/// First voxel of the endless outside.
+pub(super) const NOWHERE: Coord = Coord([i32::MIN; 3]);
 
 /// A connected part of a leaf.
 pub(super) struct Part {
@@ -48,7 +50,7 @@ pub(super) struct Part {
 }
 
 impl Part {
-    fn all_of(leaf: &LeafView<'_>, side: Side) -> Vec<Self> {
+    pub fn all_of(leaf: &LeafView<'_>, side: Side) -> Vec<Self> {
         let set = bits::select(leaf.values, |v| (v < 0.0) == (side == Side::Solid));
         let parts = bits::parts(set).into_iter();
         let depth = |part: &Bits| {
@@ -64,14 +66,52 @@ impl Part {
     }
 }
 
-/// Every part of every leaf, every tile, and the outside, with the piece it belongs to.
-pub(super) struct Pieces {
-    /// Per leaf: its parts and the number of the first.
-    pub parts: Vec<(usize, Vec<Part>)>,
-    /// Piece of each part, then of each tile, then of the endless outside.
+/// What is known of a part, a tile or a set of them.
+#[derive(Clone, Copy, Default)]
+pub(super) struct Tally {
+    pub voxels: u64,
+    /// World units.
+    pub depth: f32,
+    /// Its first voxel in order of leaves, then of voxels; of tiles their least one.
+    pub place: Option<Coord>,
+}
+
+impl Tally {
+    /// Of a part of a leaf.
+    pub fn of_part(part: &Part, leaf: &LeafView<'_>) -> Self {
+        let x = part.bits.iter().position(|&w| w != 0).unwrap_or(0);
+        let first = 64 * x + part.bits[x].trailing_zeros() as usize;
+        Self {
+            voxels: bits::count(&part.bits),
+            depth: part.depth,
+            place: Some(leaf.voxel(first)),
+        }
+    }
+
+    /// Of a cube without leaves.
+    pub fn of_cube(origin: Coord, edge: i32, value: f32) -> Self {
+        Self {
+            voxels: (edge as u64).pow(3),
+            depth: value.abs(),
+            place: Some(origin),
+        }
+    }
+
+    pub fn add(&mut self, other: Self) {
+        let first = |place: Option<Coord>| place.map(|p| (p.aligned(8), p));
+        self.voxels += other.voxels;
+        self.depth = self.depth.max(other.depth);
+        self.place = match (first(self.place), first(other.place)) {
+            (Some(a), Some(b)) => Some(a.min(b).1),
+            (a, b) => a.or(b).map(|p| p.1),
+        };
+    }
+}
+
+/// Numbered pieces.
+pub(super) struct Ranking {
+    /// Piece of each member of the sets; `usize::MAX` of those that are on the other side.
     pub piece_of: Vec<usize>,
-    /// Number of parts: where tiles begin in `piece_of`.
-    pub tiles_from: usize,
     /// The pieces, largest first, equals in order of place; after the first `count` of them those
     /// that are rounding only.
     pub list: Vec<Piece>,
@@ -79,6 +119,68 @@ pub(super) struct Pieces {
     pub count: usize,
     /// The piece that reaches the endless outside (voids only).
     pub endless: Option<usize>,
+}
+
+impl Ranking {
+    /// Of sets whose members have these tallies, without a place on the other side. `endless` is the
+    /// member that stands for the endless outside.
+    pub fn new(
+        tallies: &[Tally],
+        sets: &mut Sets,
+        endless: Option<usize>,
+        voxel_size: f64,
+    ) -> Self {
+        let mut whole = vec![Tally::default(); tallies.len()];
+        for (n, tally) in tallies.iter().enumerate() {
+            whole[sets.root(n)].add(*tally);
+        }
+        let endless_root = endless.map(|n| sets.root(n));
+        if let Some(root) = endless_root {
+            whole[root].depth = f32::INFINITY;
+        }
+        let deep = |root: usize| f64::from(whole[root].depth) >= LEAST_DEPTH * voxel_size;
+        let mut order: Vec<(Coord, usize)> = (0..whole.len())
+            .filter_map(|root| Some((whole[root].place?, root)))
+            .collect();
+        order.sort_by_key(|&(place, root)| (!deep(root), Reverse(whole[root].voxels), place));
+        let mut number = vec![usize::MAX; whole.len()];
+        for (piece, &(_, root)) in order.iter().enumerate() {
+            number[root] = piece;
+        }
+        Self {
+            piece_of: (0..whole.len()).map(|n| number[sets.root(n)]).collect(),
+            endless: endless_root.map(|root| number[root]),
+            count: order.iter().filter(|(_, root)| deep(*root)).count(),
+            list: order
+                .into_iter()
+                .map(|(place, root)| Piece {
+                    voxels: whole[root].voxels,
+                    volume: whole[root].voxels as f64 * voxel_size.powi(3),
+                    depth: whole[root].depth.into(),
+                    place,
+                })
+                .collect(),
+        }
+    }
+
+    /// The pieces that are neither rounding nor the endless outside.
+    pub fn counted(mut self) -> Vec<Piece> {
+        self.list.truncate(self.count);
+        if let Some(outside) = self.endless {
+            self.list.remove(outside);
+        }
+        self.list
+    }
+}
+
+/// Every part of every leaf, and the pieces that parts, tiles and the outside belong to.
+pub(super) struct Pieces {
+    /// Per leaf: its parts and the number of the first.
+    pub parts: Vec<(usize, Vec<Part>)>,
+    /// Number of parts: where tiles begin among the ranking's members. The last member is the endless
+    /// outside.
+    pub tiles_from: usize,
+    pub ranking: Ranking,
 }
 
 impl Pieces {
@@ -111,82 +213,26 @@ impl Pieces {
         let mut sets = Sets::new(outside + 1);
         join_leaves(index, &parts, side, tiles_from, &mut sets);
         join_tiles(index, side, tiles_from, &mut sets);
-        Ok(Self::collect(
-            index, parts, tiles_from, side, voxel_size, &mut sets,
-        ))
-    }
-
-    /// Numbers the pieces, largest first.
-    fn collect(
-        index: &LeafIndex<'_>,
-        parts: Vec<(usize, Vec<Part>)>,
-        tiles_from: usize,
-        side: Side,
-        voxel_size: f64,
-        sets: &mut Sets,
-    ) -> Self {
-        let outside = tiles_from + index.tiles.len();
-        let mut voxels = vec![0u64; outside + 1];
-        let mut depth = vec![0f32; outside + 1];
-        let mut place = vec![None::<Coord>; outside + 1];
-        for (leaf, (first, list)) in index.leaves.iter().zip(&parts) {
-            for (n, part) in list.iter().enumerate() {
-                let root = sets.root(first + n);
-                voxels[root] += bits::count(&part.bits);
-                depth[root] = depth[root].max(part.depth);
-                let x = part.bits.iter().position(|&w| w != 0).unwrap_or(0);
-                let first = 64 * x + part.bits[x].trailing_zeros() as usize;
-                place[root].get_or_insert_with(|| leaf.voxel(first));
-            }
+        let mut tallies = Vec::with_capacity(outside + 1);
+        for (leaf, (_, list)) in index.leaves.iter().zip(&parts) {
+            tallies.extend(list.iter().map(|part| Tally::of_part(part, leaf)));
         }
-        for (n, tile) in index.tiles.iter().enumerate() {
-            if belongs(tile.value, side) {
-                let root = sets.root(tiles_from + n);
-                voxels[root] += (tile.edge as u64).pow(3);
-                depth[root] = depth[root].max(tile.value.abs());
-                place[root].get_or_insert(tile.origin);
-            }
-        }
-        let endless_root = (side == Side::Void).then(|| sets.root(outside));
-        if let Some(root) = endless_root {
-            place[root].get_or_insert(Coord::new(i32::MIN, i32::MIN, i32::MIN));
-            depth[root] = f32::INFINITY;
-        }
-        let deep = |root: usize| f64::from(depth[root]) >= LEAST_DEPTH * voxel_size;
-        let mut order: Vec<(Coord, usize)> = (0..=outside)
-            .filter_map(|root| Some((place[root]?, root)))
-            .collect();
-        order.sort_by_key(|&(place, root)| (!deep(root), Reverse(voxels[root]), place));
-        let mut number = vec![usize::MAX; outside + 1];
-        for (piece, &(_, root)) in order.iter().enumerate() {
-            number[root] = piece;
-        }
-        let piece_of = (0..=outside).map(|n| number[sets.root(n)]).collect();
-        Self {
+        tallies.extend(index.tiles.iter().map(|tile| {
+            let belongs = belongs(tile.value, side);
+            let tally = belongs.then(|| Tally::of_cube(tile.origin, tile.edge, tile.value));
+            tally.unwrap_or_default()
+        }));
+        let endless = (side == Side::Void).then_some(outside);
+        tallies.push(Tally {
+            place: endless.map(|_| NOWHERE),
+            ..Tally::default()
+        });
+        let ranking = Ranking::new(&tallies, &mut sets, endless, voxel_size);
+        Ok(Self {
             parts,
-            piece_of,
             tiles_from,
-            endless: endless_root.map(|root| number[root]),
-            count: order.iter().filter(|(_, root)| deep(*root)).count(),
-            list: order
-                .into_iter()
-                .map(|(place, root)| Piece {
-                    voxels: voxels[root],
-                    volume: voxels[root] as f64 * voxel_size.powi(3),
-                    depth: depth[root].into(),
-                    place,
-                })
-                .collect(),
-        }
-    }
-
-    /// The pieces that are neither rounding nor the endless outside.
-    pub fn counted(mut self) -> Vec<Piece> {
-        self.list.truncate(self.count);
-        if let Some(outside) = self.endless {
-            self.list.remove(outside);
-        }
-        self.list
+            ranking,
+        })
     }
 
     /// The voxels of a leaf that belong to pieces for which `chosen` holds.
@@ -194,10 +240,8 @@ impl Pieces {
         let (first, list) = &self.parts[leaf];
         let mut out = [0; 8];
         for (n, part) in list.iter().enumerate() {
-            if chosen[self.piece_of[first + n]] {
-                for (o, p) in out.iter_mut().zip(&part.bits) {
-                    *o |= p;
-                }
+            if chosen[self.ranking.piece_of[first + n]] {
+                bits::add(&mut out, &part.bits);
             }
         }
         out
@@ -286,7 +330,11 @@ impl LevelSet {
     pub fn components(&self, session: Session<'_>) -> Result<Vec<Piece>, VdbError> {
         let leaves = self.leaves()?;
         let index = LeafIndex::new(self, &leaves, false)?;
-        Ok(Pieces::find(&index, Side::Solid, self.voxel_size(), session)?.counted())
+        Ok(
+            Pieces::find(&index, Side::Solid, self.voxel_size(), session)?
+                .ranking
+                .counted(),
+        )
     }
 
     /// The voids: pieces of empty space that the solid encloses, largest first.
@@ -296,6 +344,10 @@ impl LevelSet {
     pub fn voids(&self, session: Session<'_>) -> Result<Vec<Piece>, VdbError> {
         let leaves = self.leaves()?;
         let index = LeafIndex::new(self, &leaves, true)?;
-        Ok(Pieces::find(&index, Side::Void, self.voxel_size(), session)?.counted())
+        Ok(
+            Pieces::find(&index, Side::Void, self.voxel_size(), session)?
+                .ranking
+                .counted(),
+        )
     }
 }

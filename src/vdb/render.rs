@@ -7,7 +7,7 @@ use super::camera::View;
 use super::light::{FINE, Hit, Lights, Short, develop, openness};
 use super::paint::Paint;
 use super::{LevelSet, Session, VdbError, Volume, ffi};
-use crate::frame::{Vec3, WorldPoint};
+use crate::frame::{Aabb, Vec3, WorldPoint};
 use rayon::prelude::*;
 
 /// What a picture shows, and how.
@@ -52,9 +52,89 @@ pub struct Image {
 }
 
 /// Numbers that the bridge gives for each sample.
-const NUMBERS: usize = 6;
+pub(super) const NUMBERS: usize = 6;
 /// Largest picture: larger ones are a slip of the keyboard.
 const MOST_PIXELS: usize = 1 << 26;
+
+/// Six numbers for each sample of a view under a light, as the bridge gives them.
+pub(super) type Trace<'t, E> = dyn FnMut(&View, Vec3) -> Result<Vec<f32>, E> + 't;
+
+impl Picture {
+    pub(super) fn check(&self) -> Result<(), VdbError> {
+        let pixels = self.width.saturating_mul(self.height);
+        if pixels == 0 || pixels > MOST_PIXELS {
+            return Err(VdbError::Parameter {
+                name: "size of the picture in pixels",
+                value: pixels as f64,
+                expected: "1 to 2^26",
+            });
+        }
+        if let Some((axis, at)) = self.cut
+            && (axis > 2 || !at.is_finite())
+        {
+            return Err(VdbError::Parameter {
+                name: if axis > 2 {
+                    "axis of the cut"
+                } else {
+                    "place of the cut"
+                },
+                value: if axis > 2 { axis as f64 } else { at },
+                expected: "axis 0, 1 or 2 and a finite place",
+            });
+        }
+        Ok(())
+    }
+
+    /// The picture of what lies in a box. `trace` gives six numbers for each sample of a view under a
+    /// light, as the bridge does.
+    pub(super) fn compose<E: From<VdbError> + Send>(
+        &self,
+        bounds: Aabb,
+        grid: Option<&Volume>,
+        session: Session<'_>,
+        trace: &mut Trace<'_, E>,
+    ) -> Result<(Image, [f32; 2]), E> {
+        let (width, height) = (self.width, self.height);
+        let pixels = width * height;
+        if bounds.is_empty() {
+            let nothing = vec![None; pixels * FINE * FINE];
+            return Ok((develop(self, &nothing, &Lights::none()), [0.0; 2]));
+        }
+        let (columns, rows) = (width * FINE, height * FINE);
+        let towards = self.towards_eye;
+        let coarse = [width.div_ceil(8).max(32), height.div_ceil(8).max(32)];
+        let view = View::fit(bounds, towards, self.perspective, coarse[0], coarse[1]);
+        let key = (view.up * 0.8 - view.right * 0.7 - view.forward * 0.55).normalize();
+        // Once coarsely, to see what part of the frame is filled.
+        let (low, high) = covered(&trace(&view, key)?, coarse[0]);
+        let view = view.cropped(low, high, columns, rows);
+        let numbers = trace(&view, key)?;
+        session.threads.install(|| {
+            let hits: Vec<Option<Hit>> = numbers
+                .par_chunks_exact(NUMBERS)
+                .enumerate()
+                .map(|(n, s)| {
+                    s[0].is_finite().then(|| Hit {
+                        position: view.position(n % columns, n / columns, s[0].into()).cast(),
+                        normal: Short::new(s[1], s[2], s[3]),
+                        on_cut: s[4] > 0.5,
+                        lit: s[5] > 0.5,
+                    })
+                })
+                .collect();
+            drop(numbers);
+            let values = grid.map(|g| values_at(&hits, view.eye, g)).transpose()?;
+            let paint = Paint::new(values.unwrap_or_default());
+            let reach = 0.05 * bounds.half_diagonal();
+            let radius = reach / view.pixel();
+            let open = openness(&hits, columns, reach, radius, session.progress)
+                .map_err(VdbError::from)?;
+            let range = paint.range();
+            let lights = Lights::new(&view, key, &hits, open).with_paint(paint);
+            Ok((develop(self, &hits, &lights), range))
+        })
+    }
+}
 
 impl LevelSet {
     /// Takes a picture of the solid.
@@ -86,74 +166,15 @@ impl LevelSet {
         grid: Option<&Volume>,
         session: Session<'_>,
     ) -> Result<(Image, [f32; 2]), VdbError> {
-        let (width, height) = (picture.width, picture.height);
-        let pixels = width.saturating_mul(height);
-        if pixels == 0 || pixels > MOST_PIXELS {
-            return Err(VdbError::Parameter {
-                name: "size of the picture in pixels",
-                value: pixels as f64,
-                expected: "1 to 2^26",
-            });
-        }
-        if let Some((axis, at)) = picture.cut
-            && (axis > 2 || !at.is_finite())
-        {
-            return Err(VdbError::Parameter {
-                name: if axis > 2 {
-                    "axis of the cut"
-                } else {
-                    "place of the cut"
-                },
-                value: if axis > 2 { axis as f64 } else { at },
-                expected: "axis 0, 1 or 2 and a finite place",
-            });
-        }
+        picture.check()?;
         let bounds = self.bounds()?;
-        if bounds.is_empty() {
-            let nothing = vec![None; pixels * FINE * FINE];
-            return Ok((develop(picture, &nothing, &Lights::none()), [0.0; 2]));
-        }
-        let (columns, rows) = (width * FINE, height * FINE);
-        let towards = picture.towards_eye;
-        let coarse = [width.div_ceil(8).max(32), height.div_ceil(8).max(32)];
-        let view = View::fit(bounds, towards, picture.perspective, coarse[0], coarse[1]);
-        let key = (view.up * 0.8 - view.right * 0.7 - view.forward * 0.55).normalize();
-        // Once coarsely, to see what part of the frame is filled.
-        let (low, high) = covered(&self.trace(&view, key, picture.cut, session)?, coarse[0]);
-        let view = view.cropped(low, high, columns, rows);
-        let numbers = self.trace(&view, key, picture.cut, session)?;
-        session.threads.install(|| {
-            let hits: Vec<Option<Hit>> = numbers
-                .par_chunks_exact(NUMBERS)
-                .enumerate()
-                .map(|(n, s)| {
-                    s[0].is_finite().then(|| Hit {
-                        position: view.position(n % columns, n / columns, s[0].into()).cast(),
-                        normal: Short::new(s[1], s[2], s[3]),
-                        on_cut: s[4] > 0.5,
-                        lit: s[5] > 0.5,
-                    })
-                })
-                .collect();
-            drop(numbers);
-            let values = grid.map(|g| values_at(&hits, view.eye, g)).transpose()?;
-            let paint = Paint::new(values.unwrap_or_default());
-            let reach = 0.05 * bounds.half_diagonal();
-            let open = openness(
-                &hits,
-                columns,
-                reach,
-                reach / view.pixel(),
-                session.progress,
-            )?;
-            let range = paint.range();
-            let lights = Lights::new(&view, key, &hits, open).with_paint(paint);
-            Ok((develop(picture, &hits, &lights), range))
+        picture.compose(bounds, grid, session, &mut |view, key| {
+            self.trace(view, key, picture.cut, session)
         })
     }
 
     /// Six numbers for each sample of a view, as the bridge gives them.
-    fn trace(
+    pub(super) fn trace(
         &self,
         view: &View,
         light: Vec3,

@@ -9,7 +9,11 @@ use std::fs::File;
 use std::path::Path;
 
 #[cfg(feature = "vdb")]
+mod pieces;
+#[cfg(feature = "vdb")]
 mod runs;
+#[cfg(feature = "vdb")]
+mod stops;
 
 fn head(brick: u64) -> LeafFileHead {
     LeafFileHead {

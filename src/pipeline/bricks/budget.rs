@@ -1,12 +1,11 @@
 //! What bricks cost: memory, and room on the disk.
 
 use super::super::error::RunError;
-use super::super::estimate::{Counts, LEAF_BYTES, copies};
+use super::super::estimate::{self, Counts, LEAF_BYTES, copies};
 use super::super::memory;
 use super::super::stock::Stock;
 use crate::progress::Threads;
-use crate::recipe::{OutputKind, Recipe};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// Largest edge of a brick that is chosen, blocks.
 const LARGEST: u32 = 8;
@@ -16,6 +15,8 @@ const ASIDE: f64 = (64u64 << 20) as f64;
 const PER_THREAD: f64 = (24u64 << 20) as f64;
 /// Memory that a block on disk keeps.
 const PER_BLOCK: f64 = 1300.0;
+/// Memory of a leaf while pieces are chosen.
+const PER_LABEL: f64 = 12.0;
 /// A brick may hold so much more than the mean.
 const CROWDED: f64 = 2.0;
 /// Leaves of a full block.
@@ -43,7 +44,19 @@ pub(crate) fn needs(
     // Meshing: the leaves with a layer around them, and 125 bytes a point.
     let points = 0.25 * counts.active / counts.leaves.max(1.0);
     let meshed = leaves(8.0) * (LEAF_BYTES + 125.0 * points);
-    (base + operated.max(meshed)) as u64
+    // Of the leaves while pieces are chosen; a part of the solid under the rays of a picture.
+    let chosen = if halo > 0 {
+        PER_LABEL * counts.leaves
+    } else {
+        0.0
+    };
+    let pixels = estimate::picture_bytes(stock);
+    let seen = if pixels > 0.0 {
+        pixels + leaves(8.0) * LEAF_BYTES
+    } else {
+        0.0
+    };
+    (base + chosen + operated.max(meshed).max(seen)) as u64
 }
 
 /// The greatest edge of bricks, in blocks, that a budget has room for.
@@ -84,15 +97,4 @@ pub(crate) fn check_disk(directory: &Path, needed: u64) -> Result<(), RunError> 
         needed,
         free,
     })
-}
-
-/// Where the bricks of a run in bricks are kept: `.NAME.bricks` beside its first output.
-pub(crate) fn directory_beside(recipe: &Recipe, out: Option<&Path>) -> PathBuf {
-    let outputs = &recipe.sections().output;
-    let named = || outputs.iter().flat_map(|o| o.named());
-    let vdb = named().find(|(kind, _)| *kind == OutputKind::Vdb);
-    let path = vdb.or_else(|| named().next()).map(|(_, path)| path);
-    let target = super::super::output::target(recipe, out, path.unwrap_or(Path::new("run")));
-    let name = target.file_name().unwrap_or_default().to_string_lossy();
-    target.with_file_name(format!(".{name}.bricks"))
 }

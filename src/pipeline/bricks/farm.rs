@@ -4,8 +4,7 @@ use super::super::error::RunError;
 use super::super::report::Report;
 use super::super::stock::Stock;
 use super::super::{Clock, RunOptions, conclude, targets, threads};
-use super::{BrickPlan, Yard, estimate, gather, lay_out, layout};
-use crate::io::WriteError;
+use super::{BrickPlan, Yard, check_disk, estimate, gather, lay_out, layout, make_directory};
 use crate::progress::{Progress, Threads};
 use crate::recipe::Recipe;
 use std::ops::Range;
@@ -68,13 +67,13 @@ pub fn make_bricks(
     let threads = threads(options)?;
     let stock = Stock::load(&recipe, &threads, options, progress)?;
     let yard = yard(path, plan, &stock, &threads, progress)?;
-    std::fs::create_dir_all(&yard.directory).map_err(|e| WriteError::Create {
-        path: yard.directory.clone(),
-        reason: e.to_string(),
-    })?;
+    make_directory(&yard.directory)?;
+    let asked: usize = bricks.iter().map(ExactSizeIterator::len).sum();
+    let share = yard.plan.leaf_bytes / yard.plan.bricks.len().max(1) as u64;
+    check_disk(&yard.directory, share * asked as u64)?;
     let mut left = 0;
     for range in bricks {
-        left += yard.make(range.clone())?.1;
+        left += yard.make(range.clone()).map_err(|e| yard.stopped(e))?.1;
     }
     Ok(left)
 }
@@ -97,7 +96,12 @@ pub fn merge_bricks(
     let out = options.out.clone().or(planned);
     let outputs = targets(&stock, out.as_deref())?;
     clock.lap("inputs")?;
-    let mut parts = gather(&yard, Some(path), &outputs, &mut clock)?;
+    let later = yard.plan.leaf_bytes * (yard.passes.len() - 1) as u64;
+    let files = estimate::disk(&stock, &threads, yard.plan.leaf_bytes);
+    let place = outputs.files.first().map(|(_, path)| path.parent());
+    check_disk(place.flatten().unwrap_or(Path::new(".")), later + files)?;
+    let made = gather(&yard, Some(path), &outputs, &mut clock);
+    let mut parts = made.map_err(|e| yard.stopped(e))?;
     if let Some(bricks) = &mut parts.bricks {
         bricks.found_whole = bricks.count;
     }
@@ -159,13 +163,7 @@ fn yard<'a>(
         let message = format!("it is not of what is here: {}", found.join("; "));
         return Err(refused(path, message));
     }
-    Ok(Yard {
-        stock,
-        plan,
-        directory: directory(path),
-        threads,
-        progress,
-    })
+    Ok(Yard::new(stock, plan, directory(path), threads, progress))
 }
 
 /// A path as seen from a directory; as it is where the two have nothing in common.

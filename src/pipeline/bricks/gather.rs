@@ -5,12 +5,12 @@ use super::super::operate::Bench;
 use super::super::report::{BandReport, BricksReport, OutputFile, SolidReport};
 use super::super::{Clock, Parts, Targets, output};
 use super::Yard;
-use super::measure::{MeshOut, measure};
-use crate::band::{LeafFileError, LeafStore, StoreError};
+use super::measure::{MeshOut, measure, picture};
+use crate::band::LeafStore;
 use crate::io::StlStream;
 use crate::io::atomic::StagedPath;
 use crate::recipe::{Output, OutputKind};
-use crate::vdb::{FileError, LevelSet};
+use crate::vdb::{LevelSet, stored_components};
 use std::path::Path;
 
 /// Opens all bricks, measures the solid and writes the outputs. `plan` is the plan's file, where the
@@ -22,20 +22,12 @@ pub(super) fn gather(
     clock: &mut Clock,
 ) -> Result<Parts, RunError> {
     let count = yard.plan.bricks.len();
-    let files = (0..count).map(|n| (yard.path(n), yard.head(n))).collect();
-    let store = LeafStore::open(files, yard.threads, yard.progress).map_err(|e| match e {
-        StoreError::Unfit(faults) => unfit(yard, plan, &faults),
-        e => RunError::File(FileError::from(e)),
-    })?;
-    if store.leaves() == 0 {
-        let ops = yard.stock.recipe.sections().op.len();
-        return Err(RunError::Empty(match ops {
-            0 => "sampling".into(),
-            n => format!("op.{}", n - 1),
-        }));
-    }
-    clock.lap("check")?;
+    let mut solid = SolidReport::default();
+    let store = yard.finished(plan, &mut solid, clock)?;
     let recipe = yard.stock.recipe;
+    let bench = Bench::new(recipe, yard.threads, yard.progress);
+    let pieces = stored_components(&store, bench.scale.voxel_size, bench.session())?;
+    clock.lap("pieces")?;
     let mut meshes = Vec::new();
     for (output, path) in targets.of(OutputKind::Mesh) {
         let unit = output.unit_or_default(recipe.unit());
@@ -49,9 +41,14 @@ pub(super) fn gather(
         mesh.file.commit()?;
     }
     clock.lap("mesh")?;
-    let bench = Bench::new(recipe, yard.threads, yard.progress);
     let mut outputs = Vec::new();
     for (output, path) in &targets.files {
+        if output.picture.is_some() {
+            picture(yard, &store, (output, path), found.frame)?;
+            outputs.push(output::listed(path, None)?);
+            clock.lap("picture")?;
+            continue;
+        }
         let unit = output.unit_or_default(recipe.unit());
         let content_hash = match output.mesh {
             Some(_) => None,
@@ -79,7 +76,8 @@ pub(super) fn gather(
             volume_fraction: yard.stock.room().map(|room| found.volume / room),
             volume_fraction_asked: asked,
             volume_fraction_cell: cell,
-            ..SolidReport::default()
+            components: pieces.len() as u64,
+            ..solid
         },
         bricks: Some(BricksReport {
             count: count as u64,
@@ -106,33 +104,4 @@ fn write_vdb(
     let written = file.write_leaves_to(staged.path(), store)?;
     staged.commit()?;
     Ok(written.content_hash)
-}
-
-/// Bricks that are missing or damaged, with what makes them again.
-fn unfit(yard: &Yard, plan: Option<&Path>, faults: &[(usize, LeafFileError)]) -> RunError {
-    let missing = |e: &LeafFileError| match e {
-        LeafFileError::Io { source, .. } => source.kind() == std::io::ErrorKind::NotFound,
-        LeafFileError::Unfit { .. } => false,
-    };
-    let list = |wanted: bool| {
-        let numbers = faults.iter().filter(|f| missing(&f.1) == wanted);
-        let words: Vec<String> = numbers.map(|f| f.0.to_string()).collect();
-        (!words.is_empty()).then(|| words.join(", "))
-    };
-    let mut parts = Vec::new();
-    parts.extend(list(true).map(|l| format!("missing: {l}")));
-    parts.extend(list(false).map(|l| format!("damaged or of another plan: {l}")));
-    let advice = match plan {
-        Some(plan) => {
-            let runs = faults.iter().take(20).map(|(n, _)| format!("--brick {n}"));
-            let runs: Vec<String> = runs.collect();
-            format!("druse run {} {}", plan.display(), runs.join(" "))
-        }
-        None => "the same command again".into(),
-    };
-    RunError::Bricks {
-        directory: yard.directory.clone(),
-        faults: parts.join("; "),
-        advice,
-    }
 }

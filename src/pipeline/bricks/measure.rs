@@ -3,12 +3,16 @@
 
 use super::super::error::RunError;
 use super::super::operate::Bench;
+use super::later::part;
 use super::{Quiet, Yard};
-use crate::band::{LeafSink, LeafStore, SinkError, StoreError};
+use crate::band::LeafStore;
 use crate::frame::{Aabb, Coord, Vec3};
 use crate::io::StlStream;
+use crate::io::atomic::write_bytes;
 use crate::mesh::TriMesh;
-use crate::vdb::{FileError, LevelSetBuilder, VdbError};
+use crate::recipe::Output;
+use crate::vdb::render_parts;
+use std::path::Path;
 
 /// Voxels around a brick that are meshed with it.
 const LAYER: i32 = 8;
@@ -18,6 +22,8 @@ pub(super) struct Measured {
     pub volume: f64,
     pub area: f64,
     pub bounds: Aabb,
+    /// The box that pictures are framed by.
+    pub frame: Aabb,
 }
 
 /// A mesh that is written while bricks pass, and the factor to its unit.
@@ -38,9 +44,11 @@ pub(super) fn measure(
         volume: 0.0,
         area: 0.0,
         bounds: Aabb::EMPTY,
+        frame: Aabb::EMPTY,
     };
     for brick in 0..count {
-        let part = triangles(yard, store, brick)?;
+        let (part, frame) = triangles(yard, store, brick)?;
+        found.frame = found.frame.union(frame);
         // About the one origin: a part by itself is not closed.
         let signed = |[a, b, c]: [Vec3; 3]| a.dot(&b.cross(&c)) / 6.0;
         found.volume += part.iter_corners().map(signed).sum::<f64>();
@@ -56,31 +64,49 @@ pub(super) fn measure(
     Ok(found)
 }
 
-/// The triangles of one brick, world units.
-fn triangles(yard: &Yard, store: &LeafStore, brick: usize) -> Result<TriMesh, RunError> {
+/// The triangles of one brick and the box around the solid there, world units.
+fn triangles(yard: &Yard, store: &LeafStore, brick: usize) -> Result<(TriMesh, Aabb), RunError> {
     let region = yard.plan.region(brick);
     let grown = region.grown(LAYER);
     let quiet = Quiet(yard.progress);
     let bench = Bench::new(yard.stock.recipe, yard.threads, &quiet);
-    let failed = RunError::level_set("mesh");
-    let builder = LevelSetBuilder::of_part(bench.transform()?, bench.half_width, Coord([0; 3]))
-        .map_err(&failed)?;
-    for block in store.blocks_of(grown) {
-        let leaves = store
-            .read(block, grown)
-            .map_err(|e| FileError::from(StoreError::from(e)))?;
-        let refused = |e: SinkError| match e.into_inner().downcast::<VdbError>() {
-            Ok(e) => failed(*e),
-            Err(other) => RunError::band("mesh")(SinkError::new(other).into()),
-        };
-        builder.block(block, &leaves).map_err(refused)?;
-    }
-    builder.inside(&store.inside(grown));
-    let solid = builder.finish(bench.session()).map_err(&failed)?;
+    let solid = part(bench, store, grown, Coord([0; 3]))?;
     let corners = store.bounds().into_iter().flatten();
     let far = corners.flat_map(|c| c.0).map(i32::unsigned_abs).max();
     let far = f64::from(far.unwrap_or(0)) * bench.scale.voxel_size;
-    solid
-        .triangles_of(region, far, bench.session())
-        .map_err(&failed)
+    let failed = RunError::level_set("mesh");
+    let mesh = solid.triangles_of(region, far, bench.session());
+    Ok((mesh.map_err(&failed)?, solid.bounds().map_err(&failed)?))
+}
+
+/// Writes a picture of the solid that fills `frame`.
+pub(super) fn picture(
+    yard: &Yard,
+    store: &LeafStore,
+    (output, path): (&Output, &Path),
+    frame: Aabb,
+) -> Result<(), RunError> {
+    let count = yard.plan.bricks.len();
+    // Coarse, fine, and shadows.
+    yard.progress.stage("picture", Some(3 * count as u64));
+    let quiet = Quiet(yard.progress);
+    let bench = Bench::new(yard.stock.recipe, yard.threads, &quiet);
+    let transform = bench.transform()?;
+    let wanted = super::super::output::picture(output);
+    let image = render_parts(&wanted, frame, bench.session(), |visit| {
+        for brick in 0..count {
+            let region = yard.plan.region(brick);
+            if store.blocks_of(region).next().is_some() {
+                let own = part(bench, store, region.grown(LAYER), Coord([0; 3]))?;
+                let corners = [region.min, region.max].map(|c| transform.world(c).0);
+                let around = Aabb::of(corners).dilated(bench.scale.voxel_size);
+                visit(&own, around).map_err(RunError::level_set("picture"))?;
+            }
+            yard.progress.advance(1);
+        }
+        Ok::<_, RunError>(())
+    })?;
+    let png = image.png().map_err(RunError::level_set("picture"))?;
+    write_bytes(path, &png)?;
+    Ok(())
 }

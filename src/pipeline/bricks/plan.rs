@@ -35,7 +35,7 @@ pub struct BrickPlan {
     pub half_width: f64,
     /// Edge of a brick, blocks of 128 voxels.
     pub edge: u32,
-    /// Voxels around a brick that are sampled with it.
+    /// Voxels around a brick that it is made with at most.
     pub halo: u32,
     /// Least voxel of each brick, by number.
     pub bricks: Vec<[i32; 3]>,
@@ -61,10 +61,6 @@ impl BrickPlan {
     /// The voxels of a brick.
     pub(in super::super) fn region(&self, brick: usize) -> Region {
         Region::cube(Coord(self.bricks[brick]), self.edge as i32 * BLOCK)
-    }
-
-    pub(in super::super) fn halo(&self) -> i32 {
-        self.halo as i32
     }
 
     /// Hash of all that decides the values of bricks: what leaf files begin with.
@@ -161,13 +157,13 @@ pub(in super::super) fn layout(
 ) -> Result<BrickPlan, RunError> {
     let bench = Bench::new(stock.recipe, threads, progress);
     let edge = layout.edge as i32 * BLOCK;
-    let reach = f64::from(layout.halo) * bench.scale.voxel_size;
+    let reach = f64::from(layout.reach) * bench.scale.voxel_size;
     let ops = &stock.recipe.sections().op;
     let mut bricks = BTreeSet::new();
     let mut enter = |shape: &Shape| -> Result<(), RunError> {
         let blocks = bench.band(shape)?.blocks();
         for block in blocks.map_err(RunError::band("plan"))? {
-            let near = Region::cube(block, BLOCK).grown(layout.halo);
+            let near = Region::cube(block, BLOCK).grown(layout.reach);
             let [x, y, z] =
                 [0, 1, 2].map(|a| near.min[a].div_euclid(edge)..=near.max[a].div_euclid(edge));
             for (x, y) in x.flat_map(|x| y.clone().map(move |y| (x, y))) {

@@ -1,6 +1,9 @@
 //! How far operations look: the halo that a brick is sampled with.
 
+use super::super::operate::unwanted;
 use crate::recipe::{GridWord, Kernel, MesherWord, Op, Output, OutputKind, Recipe, Size};
+use crate::vdb::{REMOVAL_REACH, Unwanted};
+use std::ops::Range;
 
 /// Voxels that a step of tracking reaches with the scheme of first order, and of fifth: three sweeps
 /// of the stencil and the voxel that the band grows by.
@@ -8,15 +11,75 @@ const TRACK: [f64; 2] = [4.0, 10.0];
 /// Voxels beyond what operations need.
 const MARGIN: f64 = 8.0;
 
-/// Halo of a recipe's bricks, voxels: a multiple of 8, 0 where everything is sampled from one field.
-pub(crate) fn reach(recipe: &Recipe) -> i32 {
+/// Operations that a brick goes through at once: one after the other within its halo, or one that
+/// looks at the whole solid first.
+pub(crate) struct Pass {
+    /// Numbers of the operations; of the first pass those that follow the field's.
+    pub ops: Range<usize>,
+    /// Voxels around a brick that it is made with: a multiple of 8, 0 where all is sampled from one
+    /// field.
+    pub halo: i32,
+    /// What of the whole is removed, if this pass does that.
+    pub unwanted: Option<Unwanted>,
+}
+
+/// The passes of a recipe, at least one.
+pub(crate) fn passes(recipe: &Recipe) -> Vec<Pass> {
     let ops = &recipe.sections().op;
-    let first = super::super::shape::field_operations(ops);
-    if first == ops.len() {
-        return 0;
+    let mut passes = Vec::new();
+    let mut start = super::super::shape::field_operations(ops);
+    for (n, op) in ops.iter().enumerate().skip(start) {
+        let Some(unwanted) = unwanted(op) else {
+            continue;
+        };
+        if passes.is_empty() || start < n {
+            passes.push(together(start..n, recipe));
+        }
+        let half_width = recipe.sections().band.half_width.0;
+        passes.push(Pass {
+            ops: n..n + 1,
+            halo: whole_leaves(REMOVAL_REACH * half_width + MARGIN),
+            unwanted: Some(unwanted),
+        });
+        start = n + 1;
     }
-    let sum: f64 = ops[first..].iter().map(|op| reach_of(op, recipe)).sum();
-    let voxels = sum + MARGIN + recipe.sections().band.half_width.0;
+    if passes.is_empty() || start < ops.len() {
+        passes.push(together(start..ops.len(), recipe));
+    }
+    passes
+}
+
+/// Voxels that all operations together move the solid by at most.
+pub(crate) fn reach(recipe: &Recipe) -> i32 {
+    let passes = passes(recipe);
+    let moving = passes.iter().filter(|p| p.unwanted.is_none());
+    moving.map(|p| p.halo).sum()
+}
+
+/// Voxels around a brick that the widest pass wants.
+pub(crate) fn widest(recipe: &Recipe) -> i32 {
+    let halos = passes(recipe).into_iter().map(|p| p.halo);
+    halos.max().unwrap_or(0)
+}
+
+fn together(ops: Range<usize>, recipe: &Recipe) -> Pass {
+    let sections = recipe.sections();
+    let sum: f64 = sections.op[ops.clone()]
+        .iter()
+        .map(|op| reach_of(op, recipe))
+        .sum();
+    let halo = match ops.len() {
+        0 => 0,
+        _ => whole_leaves(sum + MARGIN + sections.band.half_width.0),
+    };
+    Pass {
+        ops,
+        halo,
+        unwanted: None,
+    }
+}
+
+fn whole_leaves(voxels: f64) -> i32 {
     (voxels / 8.0).ceil() as i32 * 8
 }
 
@@ -59,17 +122,17 @@ fn reach_of(op: &Op, recipe: &Recipe) -> f64 {
 /// Why a recipe cannot go through bricks, if it cannot.
 pub(crate) fn refusal(recipe: &Recipe) -> Option<String> {
     let sections = recipe.sections();
-    let whole = |op: &Op| {
-        let global = "looks at the whole solid";
-        match op {
-            Op::KeepLargest(true) | Op::DropSmall(_) | Op::FillVoids(_) => Some(global),
-            Op::Resample(_) => Some("moves voxels from brick to brick"),
-            Op::Fog(true) => Some("makes a fog"),
-            _ => None,
-        }
-    };
     for (n, op) in sections.op.iter().enumerate() {
-        if let Some(why) = whole(op) {
+        let why = match op {
+            Op::Resample(_) => Some(
+                "moves voxels from brick to brick; leave it out and set band.voxel_size, or druse filter the written file on a machine that holds it",
+            ),
+            Op::Fog(true) => Some(
+                "makes a fog, which is whole in memory; leave it out, and druse filter the written file makes it",
+            ),
+            _ => None,
+        };
+        if let Some(why) = why {
             return Some(format!("op.{n}.{} {why}", op.name()));
         }
     }
@@ -80,11 +143,6 @@ pub(crate) fn refusal(recipe: &Recipe) -> Option<String> {
                 .extension()
                 .is_some_and(|e| e.eq_ignore_ascii_case("stl"));
             match kind {
-                OutputKind::Picture => {
-                    return Some(format!(
-                        "output.{n}, {name}, is a picture of the whole solid"
-                    ));
-                }
                 OutputKind::Mesh if !is_stl => {
                     return Some(format!(
                         "output.{n}, {name}: of the meshes only .stl is streamed"

@@ -19,7 +19,7 @@ fn recipe(ops: &str) -> Recipe {
     Recipe::parse(&format!("{SOLID}{ops}{FILES}"), &[]).unwrap()
 }
 
-fn options(out: &Path, bricks: Option<u32>, threads: usize) -> RunOptions {
+pub fn options(out: &Path, bricks: Option<u32>, threads: usize) -> RunOptions {
     RunOptions {
         threads,
         bricks,
@@ -29,7 +29,7 @@ fn options(out: &Path, bricks: Option<u32>, threads: usize) -> RunOptions {
     }
 }
 
-fn hashes(report: &Report) -> Vec<&String> {
+pub fn hashes(report: &Report) -> Vec<&String> {
     let outputs = report.outputs.iter();
     outputs.filter_map(|o| o.content_hash.as_ref()).collect()
 }
@@ -112,6 +112,52 @@ fn operations_see_as_far_as_they_reach() {
     }
 }
 
+#[test]
+fn masks_and_other_meshes_act_in_bricks() {
+    let directory = tempfile::tempdir().unwrap();
+    let fog = "[[output]]\nvdb = \"fog.vdb\"\ngrids = [\"density\"]\nunit = \"mm\"\n[[output]]\nmesh = \"a.stl\"\n";
+    let text = format!("{}{fog}", SOLID.replace("radius = 7", "radius = 6"));
+    let first = Recipe::parse(&text, &[]).unwrap();
+    run(&first, &options(directory.path(), None, 2), &Silent).unwrap();
+    let at = directory.path().display();
+    let mask = format!("mask = {{ path = \"{at}/fog.vdb\", unit = \"mm\", invert = true }}");
+    let ops = format!(
+        "[[op]]\ndilate = {{ distance = 0.4, {mask} }}\n[[op]]\nmean = {{ width = 1, {mask} }}\n[[op]]\nunion = {{ mesh = {{ path = \"{at}/a.stl\", unit = \"mm\", transform = {{ translate = [4, 0, 0] }} }} }}\n"
+    );
+    let recipe = recipe(&ops);
+    let out = directory.path().join("out");
+    let one = run(&recipe, &options(&out, None, 2), &Silent).unwrap();
+    let two = run(&recipe, &options(&out, Some(1), 2), &Silent).unwrap();
+    assert_eq!(hashes(&one), hashes(&two));
+}
+
+#[test]
+fn a_picture_of_bricks_is_that_of_the_whole() {
+    let directory = tempfile::tempdir().unwrap();
+    let pictures = "[[output]]\npicture = \"a.png\"\nsize = [160, 120]\n[[output]]\npicture = \"b.png\"\nsize = [160, 120]\ncut = \"x=0.7\"\n";
+    let recipe = recipe(&format!("[[op]]\nhollow = 0.6\n{pictures}"));
+    let pixels = |name: &str, bricks: Option<u32>| {
+        run(&recipe, &options(directory.path(), bricks, 2), &Silent).unwrap();
+        let file = std::fs::File::open(directory.path().join(name)).unwrap();
+        let mut reader = png::Decoder::new(std::io::BufReader::new(file))
+            .read_info()
+            .unwrap();
+        let mut bytes = vec![0; reader.output_buffer_size().unwrap()];
+        reader.next_frame(&mut bytes).unwrap();
+        bytes
+    };
+    for name in ["a.png", "b.png"] {
+        let (whole, parts) = (pixels(name, None), pixels(name, Some(1)));
+        assert_eq!(whole.len(), parts.len());
+        let differ = whole
+            .iter()
+            .zip(&parts)
+            .filter(|(a, b)| a.abs_diff(**b) > 8);
+        // Shadows end between samples; where exactly is a matter of the last bits.
+        assert!(differ.count() * 500 < whole.len(), "{name}");
+    }
+}
+
 /// Stops as soon as a file is there.
 struct StopAt(PathBuf);
 
@@ -132,7 +178,9 @@ fn a_stopped_run_goes_on_with_the_bricks_that_are_there() {
     let leaves = |n: u32| out.join(format!(".a.vdb.bricks/brick-{n:06}.leaves"));
     for brick in [1, 4] {
         let error = run(&recipe, &options(&out, Some(1), 2), &StopAt(leaves(brick)));
-        assert!(matches!(error, Err(RunError::Cancelled(_))));
+        assert!(
+            matches!(error, Err(RunError::Stopped { made, count, .. }) if 0 < made && made < count)
+        );
         assert!(!out.join("a.vdb").exists() && !leaves(brick + 1).exists());
     }
     // A brick damaged meanwhile is made again.
@@ -184,8 +232,7 @@ fn what_cannot_go_through_bricks_says_why() {
         let error = run(&recipe, &options(directory.path(), Some(1), 1), &Silent).unwrap_err();
         assert!(error.to_string().contains(wanted), "{error}");
     };
-    refused("[[op]]\nkeep_largest = true\n", "op.2.keep_largest");
-    refused("[[output]]\npicture = \"a.png\"\n", "a.png");
+    refused("[[op]]\nresample = { voxel_size = 0.3 }\n", "op.2.resample");
     refused("[[output]]\nmesh = \"a.obj\"\n", "a.obj");
     let tight = RunOptions {
         memory: Some(32 << 20),
