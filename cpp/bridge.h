@@ -154,6 +154,8 @@ std::unique_ptr<Grid> parts_take(Parts&, std::size_t index);
 std::unique_ptr<LeafTable> leaf_table(const Grid&);
 std::unique_ptr<Grid> grid_attribute(const Grid& shape, std::size_t components, rust::Slice<const float> values);
 rust::Vec<Tile> grid_tiles(const Grid&, bool everything);
+void grid_put_leaves(Grid&, rust::Slice<const std::int32_t> origins, rust::Slice<const std::uint64_t> masks,
+                     rust::Slice<const float> values);
 void grid_edit(Grid&, rust::Slice<const std::int32_t> origins, rust::Slice<const std::uint64_t> masks,
                rust::Slice<const float> values, rust::Slice<const std::int32_t> tiles, float fill, const Host&);
 void grid_values(const Grid&, rust::Slice<const std::int32_t> voxels, rust::Slice<float> values);

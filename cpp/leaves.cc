@@ -136,6 +136,20 @@ void grid_edit(Grid& handle, rust::Slice<const std::int32_t> origins, rust::Slic
   in_arena(host, [&] { tools::pruneLevelSet(tree); });
 }
 
+void grid_put_leaves(Grid& handle, rust::Slice<const std::int32_t> origins, rust::Slice<const std::uint64_t> masks,
+                     rust::Slice<const float> values) {
+  const std::size_t count = origins.size() / 3;
+  if (masks.size() != 8 * count || values.size() != 512 * count) throw std::invalid_argument("leaf slices disagree");
+  auto access = floats(handle).getAccessor();
+  for (std::size_t n = 0; n < count; ++n) {
+    Leaf* leaf = access.touchLeaf(Coord(origins[3 * n], origins[3 * n + 1], origins[3 * n + 2]));
+    std::copy_n(values.data() + 512 * n, 512, leaf->buffer().data());
+    Leaf::NodeMaskType mask;
+    for (int w = 0; w < 8; ++w) mask.getWord<std::uint64_t>(w) = masks[8 * n + w];
+    leaf->setValueMask(mask);
+  }
+}
+
 void grid_values(const Grid& handle, rust::Slice<const std::int32_t> voxels, rust::Slice<float> values) {
   if (voxels.size() != 3 * values.size()) throw std::invalid_argument("voxels and values disagree in number");
   auto access = floats(handle).getConstAccessor();

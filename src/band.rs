@@ -46,12 +46,14 @@ mod leaf_file;
 mod leaf_store;
 mod pool;
 mod sinks;
+mod smooth;
 
 pub use estimate::{Estimate, Sampling};
 pub use leaf::{BLOCK, LEAF, LeafBatch, LeafSink, SinkError, VOXELS};
 pub use leaf_file::{LeafFileError, LeafFileHead, LeafFileWriter};
 pub use leaf_store::{LeafStore, StoreError, UpperNode};
 pub use sinks::{Leaf, LeafMap, Statistics, Totals};
+pub use smooth::{LeafRef, Smoother};
 
 /// What is sampled: a field, on which voxels, how far from its zero set, and where.
 ///

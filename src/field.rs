@@ -16,10 +16,12 @@ use nalgebra::SVector;
 
 mod combine;
 mod formula;
+mod offset;
 mod primitive;
 mod round;
 pub use combine::{Complement, Intersection, Union};
 pub use formula::{Formula, FormulaError};
+pub use offset::{ExactIntersection, Offset};
 pub use primitive::{BoxSolid, Sphere};
 pub use round::{Capsule, Cylinder, HalfSpace};
 

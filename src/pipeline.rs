@@ -18,6 +18,7 @@
 use crate::band::BandStats;
 use crate::progress::{Cancelled, Progress, Threads};
 use crate::recipe::{GridWord, OutputKind, Recipe};
+use crate::vdb::Tools;
 use std::path::{Path, PathBuf};
 use std::time::{Instant, SystemTime};
 
@@ -36,6 +37,7 @@ mod group;
 mod inputs;
 mod memory;
 mod meshing;
+mod offsets;
 mod operate;
 mod output;
 mod palette;
@@ -65,7 +67,7 @@ pub use group::{group_fault, read_group};
 pub use plot::{Curve, Plot, plot, sheet, sheet_columns};
 pub use probe::{Probe, Probed};
 pub use report::{
-    BandReport, BricksReport, ContinuityReport, Input, MeshFacts, OutputFile, Report,
+    BandReport, BricksReport, ContinuityReport, Input, MeshFacts, OffsetReport, OutputFile, Report,
     ScaffoldReport, SolidReport, Stage, Warning,
 };
 pub use source::{CellFault, enter_source};
@@ -149,7 +151,10 @@ pub fn run(
     let mut bench = Bench::new(recipe, &threads, progress);
     let first = stock.pointwise();
     let (mut solid, stats) = match stock.volumes.take_start() {
-        Some(start) => (start, BandStats::default()),
+        Some(start) => {
+            bench.tools = Tools::OpenVdb;
+            (start, BandStats::default())
+        }
         None => bench.sample(&shape::shape(&stock, bench.scale)?, "band")?,
     };
     clock.lap("band")?;

@@ -65,6 +65,7 @@ mod render_parts;
 mod sampled;
 mod segments;
 mod shape;
+mod smooth;
 mod stored;
 mod stream;
 mod transfer;
@@ -99,6 +100,17 @@ pub enum Scheme {
     Weno5,
 }
 
+/// Whose tools smooth a level set, where there are two.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Tools {
+    /// [`Smoother`](crate::band::Smoother), several times faster: for [`Scheme::First`], and for means,
+    /// Gaussians and Laplacian flow. All else is OpenVDB's.
+    #[default]
+    Own,
+    /// OpenVDB's: for level sets whose band may be other than this crate's.
+    OpenVdb,
+}
+
 /// What operations may use: so many threads, an ear for "stop", and the scheme.
 #[derive(Clone, Copy)]
 pub struct Session<'a> {
@@ -108,16 +120,25 @@ pub struct Session<'a> {
     pub progress: &'a dyn Progress,
     /// Of filters and offsets.
     pub scheme: Scheme,
+    /// Of filters.
+    pub tools: Tools,
 }
 
 impl<'a> Session<'a> {
-    /// A session with the first-order scheme.
+    /// A session with the first-order scheme and this crate's own tools.
     pub fn new(threads: &'a Threads, progress: &'a dyn Progress) -> Self {
         Self {
             threads,
             progress,
             scheme: Scheme::First,
+            tools: Tools::Own,
         }
+    }
+
+    /// The same with other tools.
+    #[must_use]
+    pub fn with_tools(self, tools: Tools) -> Self {
+        Self { tools, ..self }
     }
 
     /// The same with another scheme.

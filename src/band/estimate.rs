@@ -1,11 +1,11 @@
 //! Prediction of a band's size from culling and a sample of its leaves.
 
-use super::activate::Neighbourhood;
+use super::activate::{Bits, Neighbourhood};
 use super::cull::Culler;
 use super::evaluate::leaf_values;
 use super::leaf::count;
 use super::{Band, BandError, Region, VOXELS};
-use crate::frame::Coord;
+use crate::frame::{Coord, WorldPoint};
 use crate::progress::{Cancelled, Progress, Threads};
 use rayon::prelude::*;
 
@@ -42,6 +42,8 @@ pub struct Estimate {
     pub active_voxels: f64,
     /// Standard error of `active_voxels`.
     pub active_voxels_error: f64,
+    /// Edges between neighbouring voxels that the surface crosses: as many quads has its mesh.
+    pub crossings: f64,
     /// Leaves that were evaluated for the estimate.
     pub leaves_sampled: u64,
     /// Seconds per evaluated leaf and thread, measured; the one field that differs between runs.
@@ -77,23 +79,30 @@ impl Band<'_> {
                 .collect::<Result<_, _>>()?;
             let leaves: Vec<Coord> = leaves.into_iter().flatten().collect();
             let drawn = draw(leaves.len(), sampling);
-            let measured: Vec<(u64, f64)> = drawn
+            let measured: Vec<Measured> = drawn
                 .par_iter()
                 .map(|&n| {
                     if progress.cancelled() {
                         return Err(Cancelled.into());
                     }
                     let start = std::time::Instant::now();
-                    let active = active_voxels(&culler, leaves[n])?;
-                    Ok((active, start.elapsed().as_secs_f64()))
+                    let bits = leaf_values(&culler, leaves[n], &mut [0.0; VOXELS])?;
+                    Ok(Measured {
+                        active: active_voxels(&bits),
+                        crossings: crossings(&bits.negative),
+                        seconds: start.elapsed().as_secs_f64(),
+                    })
                 })
                 .collect::<Result<_, BandError>>()?;
-            let seconds: f64 = measured.iter().map(|m| m.1).sum();
-            let active = |m: &(u64, f64)| m.0 as f64;
-            let kept = |m: &(u64, f64)| f64::from(u8::from(m.0 > 0));
+            let seconds: f64 = measured.iter().map(|m| m.seconds).sum();
+            let active = |m: &Measured| m.active as f64;
+            let kept = |m: &Measured| f64::from(u8::from(m.active > 0));
             let (active_voxels, active_voxels_error) = total(&measured, leaves.len(), active);
             let (leaves_kept, leaves_kept_error) = total(&measured, leaves.len(), kept);
+            // Of the eight edges along a row, seven lie within the leaf.
+            let (within, _) = total(&measured, leaves.len(), |m| m.crossings as f64);
             Ok(Estimate {
+                crossings: within * 8.0 / 7.0,
                 blocks: blocks.len() as u64,
                 leaves_touched: leaves.len() as u64,
                 leaves_kept,
@@ -107,18 +116,94 @@ impl Band<'_> {
     }
 }
 
+/// Blocks that voxels are drawn from at most, and voxels of one leaf.
+const DRAWN_BLOCKS: usize = 64;
+const PER_LEAF: usize = 4;
+
+impl Band<'_> {
+    /// Places of at most `count` active voxels, drawn from blocks all over the band, always the same.
+    ///
+    /// # Errors
+    /// As [`Band::evaluate`].
+    pub fn draw(
+        &self,
+        threads: &Threads,
+        progress: &dyn Progress,
+        count: usize,
+    ) -> Result<Vec<WorldPoint>, BandError> {
+        let culler = Culler::new(self, Region::EVERYWHERE)?;
+        let some = |leaves| Sampling { leaves, seed: 1 };
+        threads.install(|| {
+            let blocks = culler.blocks().unknown;
+            let blocks: Vec<Coord> = draw(blocks.len(), some(DRAWN_BLOCKS))
+                .into_iter()
+                .map(|n| blocks[n])
+                .collect();
+            let leaves: Vec<Coord> = blocks
+                .par_iter()
+                .flat_map_iter(|&block| culler.leaves(block).unknown)
+                .collect();
+            // Not every leaf that cannot be excluded has active voxels.
+            let leaves: Vec<Coord> = draw(leaves.len(), some(2 * count.div_ceil(PER_LEAF)))
+                .into_iter()
+                .map(|n| leaves[n])
+                .collect();
+            let places: Vec<Vec<WorldPoint>> = leaves
+                .par_iter()
+                .map(|&leaf| {
+                    if progress.cancelled() {
+                        return Err(Cancelled.into());
+                    }
+                    let within = leaf_values(&culler, leaf, &mut [0.0; VOXELS])?.within;
+                    let active: Vec<usize> = (0..VOXELS)
+                        .filter(|&n| within[n >> 6] >> (n & 63) & 1 == 1)
+                        .collect();
+                    let stride = active.len().div_ceil(PER_LEAF).max(1);
+                    let place = |n: &usize| {
+                        let [x, y, z] = [n >> 6, n >> 3 & 7, n & 7].map(|c| c as i32);
+                        self.transform.world(leaf.offset(x, y, z))
+                    };
+                    Ok(active.iter().step_by(stride).map(place).collect())
+                })
+                .collect::<Result<_, BandError>>()?;
+            let places: Vec<WorldPoint> = places.into_iter().flatten().collect();
+            Ok(draw(places.len(), some(count))
+                .into_iter()
+                .map(|n| places[n])
+                .collect())
+        })
+    }
+}
+
+/// What one leaf of the sample showed.
+struct Measured {
+    active: u64,
+    crossings: u64,
+    seconds: f64,
+}
+
+/// Edges within a leaf whose ends differ in sign.
+fn crossings(negative: &[u64; 8]) -> u64 {
+    // All but the last voxel along z, and along y.
+    const NOT_LAST: u64 = 0x7f7f_7f7f_7f7f_7f7f;
+    let along_x = negative.windows(2).map(|w| (w[0] ^ w[1]).count_ones());
+    let across = negative.iter().map(|w| {
+        let along_y = (w ^ w >> 8) & (u64::MAX >> 8);
+        let along_z = (w ^ w >> 1) & NOT_LAST;
+        along_y.count_ones() + along_z.count_ones()
+    });
+    along_x.chain(across).map(u64::from).sum()
+}
+
 /// Active voxels of a leaf by itself: changes of sign to its neighbours are not looked for.
-fn active_voxels(culler: &Culler, leaf: Coord) -> Result<u64, BandError> {
-    let mut values = [0.0; VOXELS];
-    let bits = leaf_values(culler, leaf, &mut values)?;
+fn active_voxels(bits: &Bits) -> u64 {
     let mut alone = Neighbourhood::default();
     alone.enter_leaf([1; 3], &bits.negative);
     let mut mask = bits.within;
     for (word, changed) in mask.iter_mut().zip(alone.next_to_change()) {
         *word |= changed;
     }
-    debug_assert!(count(&mask) <= VOXELS as u64);
-    Ok(count(&mask))
+    count(&mask)
 }
 
 /// One of each of `sampling.leaves` runs of `0..population`.
@@ -144,7 +229,7 @@ fn draw(population: usize, sampling: Sampling) -> Vec<usize> {
 
 /// The total over the population and its standard error. Neighbouring runs stand for the spread
 /// within a run: half the mean square of successive differences estimates the variance.
-fn total(sample: &[(u64, f64)], population: usize, of: impl Fn(&(u64, f64)) -> f64) -> (f64, f64) {
+fn total(sample: &[Measured], population: usize, of: impl Fn(&Measured) -> f64) -> (f64, f64) {
     let n = sample.len() as f64;
     let sum: f64 = sample.iter().map(&of).sum();
     if sample.len() == population {

@@ -82,7 +82,7 @@ impl<'a> Yard<'a> {
         Self {
             stock,
             plan,
-            passes: passes(stock.recipe),
+            passes: passes(stock.recipe, stock.pointwise()),
             directory,
             threads,
             progress,
@@ -363,7 +363,8 @@ fn lay_out(
             reason.into(),
         ));
     }
-    let (halo, reach) = (widest(stock.recipe), reach(stock.recipe));
+    let passes = passes(stock.recipe, stock.pointwise());
+    let (halo, reach) = (widest(&passes), reach(&passes));
     let edge = match edge {
         Some(edge) => edge,
         None => edge_that_fits(stock, threads, counts, halo, budget)?,

@@ -53,6 +53,8 @@ pub(super) struct Counts {
     leaves_touched: f64,
     pub leaves: f64,
     pub active: f64,
+    /// Vertices of the mesh.
+    points: f64,
     seconds_per_leaf: f64,
 }
 
@@ -137,6 +139,7 @@ pub(super) fn disk(stock: &Stock, threads: &Threads, leaf_bytes: u64) -> u64 {
         leaves_touched: 0.0,
         leaves: 0.0,
         active,
+        points: points_of(stock, active),
         seconds_per_leaf: 0.0,
     };
     predict(stock, threads, &counts).disk_bytes
@@ -163,6 +166,7 @@ fn sample(
             leaves_touched: 0.0,
             leaves: info.leaves as f64,
             active: info.active_voxels as f64,
+            points: points_of(stock, info.active_voxels as f64),
             seconds_per_leaf: 0.0,
         });
     }
@@ -183,6 +187,8 @@ fn sample(
         leaves_touched: finest.leaves_touched * factor,
         leaves: finest.leaves * factor,
         active: finest.active * factor,
+        // The surface is one, whatever its band.
+        points: finest.points * 4f64.powi(level),
         ..finest
     })
 }
@@ -217,17 +223,22 @@ fn sample_at(
         leaves_touched: found.leaves_touched as f64,
         leaves: found.leaves_kept,
         active: found.active_voxels,
+        points: found.crossings,
         seconds_per_leaf: found.seconds_per_leaf,
     })
+}
+
+/// Vertices of a mesh where only the band is known: a unit of area with normal n crosses |n|_1 edges of
+/// voxels, 1.5 in the mean, as many quads and as many points, for every 2 w voxels of a full band.
+fn points_of(stock: &Stock, active: f64) -> f64 {
+    1.5 * active / (2.0 * stock.recipe.sections().band.half_width.0)
 }
 
 /// Memory, disk and time from the counts, with the costs of the bridge's tools.
 fn predict(stock: &Stock, threads: &Threads, c: &Counts) -> Estimate {
     let sections = stock.recipe.sections();
     let tree = c.leaves * LEAF_BYTES;
-    // A unit of area with normal n crosses |n|_1 edges of voxels, 1.5 in the mean: as many quads, and
-    // as many points, for every 2 w voxels of the band.
-    let points = 1.5 * c.active / (2.0 * sections.band.half_width.0);
+    let points = c.points;
     let (mut peak, mut left) = (tree, 0.0);
     let mut seconds = c.leaves_touched * c.seconds_per_leaf / threads.count() as f64;
     let speed = 2.0 / threads.count() as f64;
@@ -248,12 +259,13 @@ fn predict(stock: &Stock, threads: &Threads, c: &Counts) -> Estimate {
     for output in &sections.output {
         for (kind, path) in output.named() {
             disk += match kind {
-                OutputKind::Vdb => c.active * 3.4,
+                // Masks twice, and a little more for each leaf; floats of which blosc saves an eighth.
+                OutputKind::Vdb => c.active * 3.5 + c.leaves * 153.0,
                 OutputKind::Mesh => {
                     let triangle = path.extension().map_or(50.0, |e| match e.to_str() {
                         Some("ply") => 19.0,
                         Some("obj") => 40.0,
-                        Some("3mf") => 22.0,
+                        Some("3mf") => 10.5,
                         _ => 50.0,
                     });
                     points * 2.0 * triangle
@@ -301,7 +313,12 @@ fn pixels(output: &Output) -> f64 {
 fn cost(op: &Op, scale: Scale) -> (f64, f64) {
     let voxels = |size: &crate::recipe::Size| size.resolve(scale) / scale.voxel_size;
     let steps = |size: &crate::recipe::Size| (2.0 * voxels(size)).max(1.0);
+    // The own filter works between two buffers, the leaves that tracking adds included.
+    let is_own = op.mask().is_none() && !op.is_precise();
     match op {
+        Op::Gaussian(k) if is_own => (2.2, 80.0 * f64::from(k.iterations.0)),
+        Op::Mean(k) if is_own => (2.2, 20.0 * f64::from(k.iterations.0)),
+        Op::Laplacian(f) if is_own => (2.2, 20.0 * f64::from(f.iterations.0)),
         Op::Intersect(_) | Op::Union(_) | Op::Subtract(_) => (1.0, 100.0),
         Op::Blend(b) => (4.0 + voxels(&b.radius), 500.0 * voxels(&b.radius).max(1.0)),
         Op::Dilate(d) | Op::Erode(d) => (1.0, 200.0 * steps(&d.distance)),

@@ -9,7 +9,9 @@ use crate::band::{Band, BandStats, Region};
 use crate::frame::{Aabb, Transform};
 use crate::progress::{Progress, Threads};
 use crate::recipe::{Kernel, Op, Recipe, Resample, Scale, Side};
-use crate::vdb::{LevelSet, LevelSetBuilder, Scheme, Session, Unwanted, VdbError, WallSide};
+use crate::vdb::{
+    LevelSet, LevelSetBuilder, Scheme, Session, Tools, Unwanted, VdbError, WallSide,
+};
 
 /// What every stage of a run shares.
 #[derive(Clone, Copy)]
@@ -22,6 +24,8 @@ pub(super) struct Bench<'a> {
     /// The part of space that is worked on, if not all of it. Where it is cut off the level set is
     /// wrong, and more so with every operation.
     pub region: Option<Region>,
+    /// Whose filters smooth.
+    pub tools: Tools,
 }
 
 impl<'a> Bench<'a> {
@@ -33,12 +37,13 @@ impl<'a> Bench<'a> {
             scale: recipe.scale(),
             half_width: recipe.sections().band.half_width.0,
             region: None,
+            tools: Tools::Own,
         }
     }
 
     /// How calls into OpenVDB are made.
     pub fn session(&self) -> Session<'a> {
-        Session::new(self.threads, self.progress)
+        Session::new(self.threads, self.progress).with_tools(self.tools)
     }
 
     /// The voxels.

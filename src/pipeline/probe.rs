@@ -2,6 +2,7 @@
 
 use super::error::RunError;
 use super::filling::{Fill, Filled};
+use super::offsets::Offsets;
 use super::report::{ContinuityReport, ScaffoldReport, Warning};
 use super::stock::Stock;
 use super::{RunOptions, threads};
@@ -85,7 +86,9 @@ impl<'a> Probe<'a> {
     /// Cells that do not fit the scaffold.
     pub fn evaluate(&self, points: &[[f64; 3]], exact: bool) -> Result<Vec<Probed>, RunError> {
         let fill = self.fill()?;
-        let options = self.stock.tiling_options(self.stock.recipe.scale());
+        let options = self
+            .stock
+            .tiling_options(self.stock.recipe.scale(), Offsets::default());
         let points: Vec<Vec3> = points.iter().map(|&p| p.into()).collect();
         self.threads.install(|| {
             if exact {

@@ -31,6 +31,9 @@ pub struct Report {
     /// How the run went through bricks; absent when it was in memory as a whole.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub bricks: Option<BricksReport>,
+    /// Operations that move the surface of what is still a field; absent without any.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub offsets: Vec<OffsetReport>,
     /// The sampling.
     pub band: BandReport,
     /// The solid after the last operation.
@@ -128,6 +131,24 @@ pub struct BandReport {
     pub leaves_kept: u64,
     /// Samples of the field.
     pub voxels_evaluated: u64,
+}
+
+/// An operation that moves the surface of what is still a field: whether the field was evaluated again
+/// with its distances moved, or the level set's distance rebuilt.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct OffsetReport {
+    /// The operation, as in `op.2.dilate`.
+    pub op: String,
+    /// Whether the field was evaluated again.
+    pub re_evaluated: bool,
+    /// By how many voxels (root mean square) the moved field is off its surface at the feet of voxels
+    /// of its band; absent if nothing is left of it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub error_voxels: Option<f64>,
+    /// The most that is accepted.
+    pub limit_voxels: f64,
+    /// What decided.
+    pub why: &'static str,
 }
 
 /// A run in bricks. Of the sampling the counts are those of the bricks that this run made.

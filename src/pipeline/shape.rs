@@ -5,10 +5,11 @@
 //! needs neighbours ends this; from there on the solid is a level set.
 
 use super::error::RunError;
+use super::offsets::Offsets;
 use super::stock::Stock;
 use crate::field::{
-    BoxSolid, Capsule, Complement, Cylinder, Field, HalfSpace, Intersection, Sphere, Union,
-    WorldField,
+    BoxSolid, Capsule, Complement, Cylinder, ExactIntersection, Field, HalfSpace, Intersection,
+    Offset, Sphere, Union, WorldField,
 };
 use crate::frame::{Aabb, Vec3};
 use crate::mesh::{Side as MeshSide, Skin};
@@ -26,37 +27,97 @@ pub(super) fn field_operations(ops: &[Op]) -> usize {
     ops.iter().take_while(|op| op.is_pointwise()).count()
 }
 
-/// The solid after its field operations, for voxels of one size.
+/// The solid as the field that is sampled, for voxels of one size.
 pub(super) fn shape<'a>(stock: &'a Stock, scale: Scale) -> Result<Shape<'a>, RunError> {
+    shape_with(stock, scale, stock.offsets())
+}
+
+/// The solid after its field operations and some offsets.
+pub(super) fn shape_with<'a>(
+    stock: &'a Stock,
+    scale: Scale,
+    offsets: Offsets,
+) -> Result<Shape<'a>, RunError> {
     let sections = stock.recipe.sections();
-    let mut shape = stock.tiled(scale)?;
+    let reach = offsets.reach() + sections.band.half_width.0 * scale.voxel_size;
+    let mut shape = stock.tiled(scale, offsets)?;
     let count = field_operations(&sections.op);
     for (n, op) in sections.op[..count].iter().enumerate() {
         let key = format!("op.{n}");
         let other = match op {
             Op::Trim(trim) => boxed(trim_box(trim, scale), format!("the box of {key}")),
             _ => match op.operand() {
-                Some(operand) => self::operand(stock, operand, &key, scale)?,
+                Some(operand) => self::operand(stock, operand, &key, (scale, offsets))?,
                 None => continue,
             },
         };
         shape = Some(match shape {
-            Some(shape) => combine(op, shape, other)?,
+            Some(shape) => combine(op, shape, other, (reach, offsets))?,
             None => other,
         });
     }
-    let shape = shape.ok_or_else(|| RunError::Empty("no operation".into()))?;
+    let mut shape = shape.ok_or_else(|| RunError::Empty("no operation".into()))?;
     if shape.extent.is_empty() {
         return Err(RunError::Empty(shape.name));
     }
     if !shape.extent.size().iter().all(|s| s.is_finite()) {
         return Err(RunError::Endless(shape.name));
     }
+    if offsets.count > 0 {
+        shape.extent = shape.extent.dilated(offsets.growth());
+        shape.field = Box::new(Offset {
+            field: shape.field,
+            by: offsets.by,
+            half: offsets.half,
+        });
+    }
     Ok(shape)
 }
 
+/// The common part of two fields, with distances beyond its edges where offsets need them; `reach`
+/// bounds the distances that matter, world units.
+pub(super) fn common_part<'a>(
+    a: Box<WorldField<'a>>,
+    b: Box<WorldField<'a>>,
+    reach: f64,
+    offsets: Offsets,
+) -> Box<WorldField<'a>> {
+    if offsets.count == 0 {
+        return Box::new(Intersection(vec![a, b]));
+    }
+    Box::new(ExactIntersection {
+        pair: [a, b],
+        // One surface of a wall is the solid's own.
+        level: offsets.half.map_or(offsets.by.min(0.0), |_| 0.0),
+        reach,
+    })
+}
+
+/// All of two fields, as [`common_part`]: what is left out is the common part of what either leaves out.
+fn whole<'a>(
+    a: Box<WorldField<'a>>,
+    b: Box<WorldField<'a>>,
+    reach: f64,
+    offsets: Offsets,
+) -> Box<WorldField<'a>> {
+    if offsets.count == 0 {
+        return Box::new(Union(vec![a, b]));
+    }
+    let outside = Offsets {
+        by: -offsets.by,
+        ..offsets
+    };
+    let [a, b] = [a, b].map(|f| Box::new(Complement(f)) as Box<WorldField>);
+    Box::new(Complement(common_part(a, b, reach, outside)))
+}
+
 /// Two fields to one.
-fn combine<'a>(op: &Op, a: Shape<'a>, b: Shape<'a>) -> Result<Shape<'a>, RunError> {
+fn combine<'a>(
+    op: &Op,
+    a: Shape<'a>,
+    b: Shape<'a>,
+    (reach, offsets): (f64, Offsets),
+) -> Result<Shape<'a>, RunError> {
     let name = a.name.clone();
     Ok(match op {
         Op::Intersect(_) | Op::Trim(_) => {
@@ -70,18 +131,18 @@ fn combine<'a>(op: &Op, a: Shape<'a>, b: Shape<'a>) -> Result<Shape<'a>, RunErro
             }
             Shape {
                 extent: a.extent.intersection(b.extent),
-                field: Box::new(Intersection(vec![a.field, b.field])),
+                field: common_part(a.field, b.field, reach, offsets),
                 name,
             }
         }
         Op::Subtract(_) => Shape {
             extent: a.extent,
-            field: Box::new(Intersection(vec![a.field, Box::new(Complement(b.field))])),
+            field: common_part(a.field, Box::new(Complement(b.field)), reach, offsets),
             name,
         },
         _ => Shape {
             extent: a.extent.union(b.extent),
-            field: Box::new(Union(vec![a.field, b.field])),
+            field: whole(a.field, b.field, reach, offsets),
             name,
         },
     })
@@ -103,7 +164,7 @@ pub(super) fn operation_shape<'a>(
     let Some(other) = op.operand() else {
         return Ok(None);
     };
-    let shape = operand(stock, other, &key, scale)?;
+    let shape = operand(stock, other, &key, (scale, Offsets::default()))?;
     if shape.extent.size().iter().all(|s| s.is_finite()) {
         return Ok(Some(shape));
     }
@@ -123,7 +184,7 @@ pub(super) fn operand<'a>(
     stock: &'a Stock,
     operand: &Operand,
     key: &str,
-    scale: Scale,
+    (scale, offsets): (Scale, Offsets),
 ) -> Result<Shape<'a>, RunError> {
     let point = |c: &[Length; 3]| Vec3::from(c.map(|l| l.resolve(scale)));
     Ok(match operand {
@@ -209,7 +270,7 @@ pub(super) fn operand<'a>(
             }
         }
         Operand::Cell(_) => {
-            let options = stock.tiling_options(scale);
+            let options = stock.tiling_options(scale, offsets);
             let name = format!("the cell of {key}");
             stock.single(key).shape(options, name)?
         }

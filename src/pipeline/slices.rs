@@ -11,6 +11,7 @@ use crate::frame::{Aabb, LengthUnit};
 use crate::progress::{Cancelled, Progress};
 use crate::recipe::{Length, Recipe};
 use crate::slice::{Layer, Plan};
+use crate::vdb::Tools;
 use crate::vdb::{Placement, Sampled};
 use rayon::prelude::*;
 
@@ -62,7 +63,10 @@ pub fn slice<E: From<RunError>>(
         return cut(bench, &*shape.field, shape.extent, how, &mut take);
     }
     let mut solid = match start {
-        Some(start) => start,
+        Some(start) => {
+            bench.tools = Tools::OpenVdb;
+            start
+        }
         None => bench.sample(&shape(&stock, bench.scale)?, "band")?.0,
     };
     let mut ignored = SolidReport::default();

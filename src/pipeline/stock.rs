@@ -5,12 +5,13 @@ use super::cells;
 use super::error::{RunError, short};
 use super::filling::{Fill, Filled};
 use super::inputs::{Inputs, hash_text};
-use super::report::{Report, SolidReport, Warning};
+use super::offsets::{self, Offsets};
+use super::report::{OffsetReport, Report, SolidReport, Warning};
 use super::scaffold;
-use super::shape::{Borrowed, Shape, field_operations};
+use super::shape::{Borrowed, Shape, common_part, field_operations};
 use super::standalone::StandAlone;
 use super::volumes::Volumes;
-use crate::field::{Intersection, WorldField};
+use crate::field::WorldField;
 use crate::frame::Vec3;
 use crate::mesh::MeshSolid;
 use crate::progress::{Progress, Threads};
@@ -31,6 +32,8 @@ pub(super) struct Stock<'a> {
     solids: BTreeMap<String, Arc<MeshSolid>>,
     singles: BTreeMap<String, StandAlone>,
     tiling: Option<Fill>,
+    offsets: Offsets,
+    offset_reports: Vec<OffsetReport>,
 }
 
 impl<'a> Stock<'a> {
@@ -48,6 +51,8 @@ impl<'a> Stock<'a> {
             solids: BTreeMap::new(),
             singles: BTreeMap::new(),
             tiling: None,
+            offsets: Offsets::default(),
+            offset_reports: Vec::new(),
         };
         threads.install(|| {
             progress.stage("read", None);
@@ -57,6 +62,7 @@ impl<'a> Stock<'a> {
         })?;
         stock.volumes = Volumes::load(&mut stock.inputs, threads, progress)?;
         stock.inputs.compare_boxes()?;
+        (stock.offsets, stock.offset_reports) = offsets::offsets(&stock, threads, progress)?;
         Ok(stock)
     }
 
@@ -185,7 +191,7 @@ impl<'a> Stock<'a> {
     pub fn pointwise(&self) -> usize {
         match self.volumes.start() {
             Some(_) => 1,
-            None => field_operations(&self.recipe.sections().op),
+            None => field_operations(&self.recipe.sections().op) + self.offsets.count,
         }
     }
 
@@ -199,16 +205,22 @@ impl<'a> Stock<'a> {
         &self.singles[key]
     }
 
-    /// How the recipe tiles, for voxels of one size.
-    pub fn tiling_options(&self, scale: Scale) -> TilingOptions {
+    /// What is done to the field after the operations on fields.
+    pub fn offsets(&self) -> Offsets {
+        self.offsets
+    }
+
+    /// How the recipe tiles, for voxels of one size, where distances must hold beyond the band as far
+    /// as offsets reach.
+    pub fn tiling_options(&self, scale: Scale, offsets: Offsets) -> TilingOptions {
         let sections = self.recipe.sections();
         let boundary = sections.scaffold.as_ref().map(|s| s.boundary);
         TilingOptions {
             voxel_size: scale.voxel_size,
-            half_width: scale.voxel_size * sections.band.half_width.0,
+            half_width: scale.voxel_size * sections.band.half_width.0 + offsets.reach(),
             distance: match sections.band.distance {
-                Distance::Fast => tiling::Distance::Fast,
-                Distance::Exact => tiling::Distance::Exact,
+                Distance::Fast if !offsets.exact => tiling::Distance::Fast,
+                _ => tiling::Distance::Exact,
             },
             boundary: match boundary.unwrap_or_default() {
                 Boundary::Cut => tiling::Boundary::Cut,
@@ -218,11 +230,11 @@ impl<'a> Stock<'a> {
     }
 
     /// The tiled scaffold as a field, if the recipe has one.
-    pub fn tiled(&self, scale: Scale) -> Result<Option<Shape<'_>>, RunError> {
+    pub fn tiled(&self, scale: Scale, offsets: Offsets) -> Result<Option<Shape<'_>>, RunError> {
         let Some(tiling) = &self.tiling else {
             return Ok(None);
         };
-        let options = self.tiling_options(scale);
+        let options = self.tiling_options(scale, offsets);
         let failed = |e: tiling::TilingError| RunError::Tiling(e.to_string());
         let scaffold = &tiling.loaded.scaffold;
         let field: Box<WorldField<'_>> = match tiling.tabulated()? {
@@ -248,7 +260,7 @@ impl<'a> Stock<'a> {
             // The mesh that was filled ends the solid.
             let borrowed = Box::new(Borrowed(envelope.as_ref()));
             shape.extent = shape.extent.intersection(envelope.bounds());
-            shape.field = Box::new(Intersection(vec![shape.field, borrowed]));
+            shape.field = common_part(shape.field, borrowed, options.half_width, offsets);
         }
         Ok(Some(shape))
     }
@@ -303,6 +315,7 @@ impl<'a> Stock<'a> {
                 .flat_map(|t| &t.palette)
                 .map(|e| (e.name.clone(), super::cells::facts_by_element(&e.cells)))
                 .collect(),
+            offsets: self.offset_reports.clone(),
             warnings: self.inputs.warnings.clone(),
             ..Report::default()
         }

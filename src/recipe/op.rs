@@ -22,15 +22,16 @@ pub enum Op {
     Blend(Blend),
     /// Keep what lies in a box.
     Trim(Trim),
-    /// Move the surface outward.
+    /// Move the surface outward. As one of the first operations on a solid that is still exact, and as far
+    /// as its gaps allow, exactly and at no cost; the report says so under `offsets`.
     Dilate(Brief<Move>),
-    /// Move the surface inward.
+    /// Move the surface inward; exactly and at no cost as `dilate`, as far as its walls allow.
     Erode(Brief<Move>),
     /// Erode, then dilate: removes what is thinner than twice the distance.
     Open(Brief<Move>),
     /// Dilate, then erode: fills gaps narrower than twice the distance.
     Close(Brief<Move>),
-    /// Keep only a wall along the surface.
+    /// Keep only a wall along the surface; exactly and at no cost as `dilate`.
     Hollow(Brief<Hollow>),
     /// Fill concave edges to a radius, and gaps narrower than twice it; flat walls stay within 0.02 voxel.
     Fillet(Brief<Fillet>),

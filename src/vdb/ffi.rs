@@ -216,6 +216,13 @@ mod bridge {
             fill: f32,
             host: &Host<'_>,
         ) -> Result<()>;
+        /// Overwrites leaves or makes them: 3 coordinates, 8 mask words, 512 values each.
+        fn grid_put_leaves(
+            grid: Pin<&mut Grid>,
+            origins: &[i32],
+            masks: &[u64],
+            values: &[f32],
+        ) -> Result<()>;
         /// 3 indices a value.
         fn grid_values(grid: &Grid, voxels: &[i32], values: &mut [f32]) -> Result<()>;
         /// 3 world coordinates a value; trilinear, or quadratic along each axis.

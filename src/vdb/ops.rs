@@ -2,6 +2,7 @@
 //! `offset(+d)` adds d to the distance, which shrinks the solid.
 
 use super::ffi::{self, Csg, Filter, Smoothing};
+use super::smooth::is_own;
 use super::{LevelSet, Scheme, Session, VdbError};
 use std::pin::Pin;
 
@@ -136,6 +137,9 @@ impl LevelSet {
                 value: 0.0,
                 expected: "at least 1",
             });
+        }
+        if is_own(kind, session) {
+            return self.smooth(doing, (kind, width, iterations), session);
         }
         let how = smoothing(width, iterations, session);
         self.change(doing, session, |grid, host| {

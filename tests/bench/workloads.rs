@@ -21,14 +21,18 @@ mod workloads {
     pub mod clock;
     pub mod figure;
     #[cfg(feature = "vdb")]
+    pub mod filters;
+    #[cfg(feature = "vdb")]
     pub mod mesher;
     pub mod reader;
     pub mod w1;
+    #[cfg(feature = "vdb")]
+    pub mod write;
 }
 use workloads::figure::{FIGURES, Found, asks_for, object, table};
-#[cfg(feature = "vdb")]
-use workloads::mesher;
 use workloads::{child, w1};
+#[cfg(feature = "vdb")]
+use workloads::{filters, mesher, write};
 
 /// What the command line asks for.
 pub struct Setting {
@@ -64,6 +68,16 @@ const SUBJECTS: &[Subject] = &[
     Subject {
         keys: &["P9", "P9.padding", "P10", "P10.evaluated"],
         measure: w1::growth,
+    },
+    #[cfg(feature = "vdb")]
+    Subject {
+        keys: &["P12", "P12.size"],
+        measure: write::against_openvdb,
+    },
+    #[cfg(feature = "vdb")]
+    Subject {
+        keys: &["P13", "P13.mean", "P13.gaussian"],
+        measure: filters::against_openvdb,
     },
     #[cfg(feature = "vdb")]
     Subject {

@@ -300,4 +300,11 @@ fn an_estimate_from_few_leaves_is_right_within_a_few_standard_errors() {
     });
     assert_eq!(all.active_voxels, stats.active_voxels as f64);
     assert_eq!(all.active_voxels_error, 0.0);
+    // A unit of area crosses 1.5 edges in the mean of all directions.
+    let edges = 1.5 * 4.0 * std::f64::consts::PI * 140f64.powi(2);
+    assert!(
+        (all.crossings / edges - 1.0).abs() < 0.02,
+        "{}",
+        all.crossings
+    );
 }

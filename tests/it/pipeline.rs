@@ -1,6 +1,7 @@
 //! Whole runs against closed forms and laws.
 
 mod crystals;
+mod offsets;
 mod outputs;
 mod scaffolds;
 

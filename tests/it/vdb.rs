@@ -19,6 +19,7 @@ mod pictures;
 mod pieces;
 mod series;
 mod shapes;
+mod smoothing;
 mod stopping;
 mod tools;
 

@@ -4,7 +4,7 @@ use super::super::error::RunError;
 use super::super::estimate::Counts;
 use super::super::operate::Bench;
 use super::super::report::Input;
-use super::super::shape::{Shape, field_operations, operation_shape, shape};
+use super::super::shape::{Shape, operation_shape, shape};
 use super::super::stock::Stock;
 use super::budget::{leaf_bytes, needs};
 use super::{Layout, voxels};
@@ -175,7 +175,7 @@ pub(in super::super) fn layout(
     let first = shape(stock, bench.scale)?;
     enter(&first)?;
     let mut room = first.extent.dilated(reach);
-    for (n, op) in ops.iter().enumerate().skip(field_operations(ops)) {
+    for (n, op) in ops.iter().enumerate().skip(stock.pointwise()) {
         if let Some(other) = operation_shape(stock, (n, op), bench.scale, || Ok(room))? {
             if other.extent.is_empty() {
                 continue;

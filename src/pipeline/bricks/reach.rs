@@ -23,11 +23,11 @@ pub(crate) struct Pass {
     pub unwanted: Option<Unwanted>,
 }
 
-/// The passes of a recipe, at least one.
-pub(crate) fn passes(recipe: &Recipe) -> Vec<Pass> {
+/// The passes of a recipe whose first `first` operations are done on the field; at least one.
+pub(crate) fn passes(recipe: &Recipe, first: usize) -> Vec<Pass> {
     let ops = &recipe.sections().op;
     let mut passes = Vec::new();
-    let mut start = super::super::shape::field_operations(ops);
+    let mut start = first;
     for (n, op) in ops.iter().enumerate().skip(start) {
         let Some(unwanted) = unwanted(op) else {
             continue;
@@ -50,15 +50,14 @@ pub(crate) fn passes(recipe: &Recipe) -> Vec<Pass> {
 }
 
 /// Voxels that all operations together move the solid by at most.
-pub(crate) fn reach(recipe: &Recipe) -> i32 {
-    let passes = passes(recipe);
+pub(crate) fn reach(passes: &[Pass]) -> i32 {
     let moving = passes.iter().filter(|p| p.unwanted.is_none());
     moving.map(|p| p.halo).sum()
 }
 
 /// Voxels around a brick that the widest pass wants.
-pub(crate) fn widest(recipe: &Recipe) -> i32 {
-    let halos = passes(recipe).into_iter().map(|p| p.halo);
+pub(crate) fn widest(passes: &[Pass]) -> i32 {
+    let halos = passes.iter().map(|p| p.halo);
     halos.max().unwrap_or(0)
 }
 

@@ -8,7 +8,7 @@ use super::reader::Reader;
 use crate::Setting;
 use druse::band::{Band, BandStats, LeafSink};
 use druse::cell::{Surface, Table};
-use druse::field::Field;
+use druse::field::WorldField;
 use druse::frame::{Aabb, Element, Transform, Vec3};
 use druse::progress::{Silent, Threads};
 use druse::scaffold::{Kind, Scaffold};
@@ -36,15 +36,20 @@ impl Gyroid {
         })
     }
 
-    fn voxel_size(&self) -> f64 {
+    pub fn voxel_size(&self) -> f64 {
         1.0 / self.at.voxels as f64
     }
 
     pub fn tiled(&self) -> Result<TiledSolid<'_>, Fault> {
+        self.tiled_as_far_as(3.0)
+    }
+
+    /// With distances that hold so many voxels from the surface.
+    pub fn tiled_as_far_as(&self, half_width: f64) -> Result<TiledSolid<'_>, Fault> {
         let h = self.voxel_size();
         let options = TilingOptions {
             voxel_size: h,
-            half_width: 3.0 * h,
+            half_width: half_width * h,
             distance: Distance::Fast,
             boundary: Boundary::Cut,
         };
@@ -52,15 +57,15 @@ impl Gyroid {
     }
 
     /// Samples the band over a box that is larger by `padding` world units.
-    fn sample(
+    pub fn sample(
         &self,
-        field: &TiledSolid<'_>,
+        field: &WorldField<'_>,
         padding: f64,
         threads: &Threads,
         sink: &dyn LeafSink,
     ) -> Result<BandStats, Fault> {
         let band = Band {
-            field: field as &dyn Field<Point = _>,
+            field,
             transform: Transform::new(self.voxel_size()).ok_or("no voxel size")?,
             half_width: 3.0,
             extent: Aabb {

@@ -1,0 +1,124 @@
+//! Solids grown, shrunk and hollowed by a distance, as fields, and common parts whose distances hold
+//! beyond their edges.
+
+use super::{Field, Interval, SampleLattice, WorldField};
+use crate::frame::{Aabb, Vec3, WorldPoint};
+
+/// Least cosine between the normals of two surfaces whose edge is looked for: at sharper ones the two planes
+/// say nothing about where it is.
+const SHARPEST: f64 = -0.9;
+
+/// A distance field moved outwards by `by` (inwards if negative); with `half`, what lies within that
+/// distance of the moved surface. World units. Distances as far as those of `field` are.
+pub struct Offset<'a> {
+    /// Signed distances, as far from 0 as `by`, `half` and the band reach together.
+    pub field: Box<WorldField<'a>>,
+    /// How far outwards.
+    pub by: f64,
+    /// Half the thickness of a wall along the moved surface.
+    pub half: Option<f64>,
+}
+
+impl Field for Offset<'_> {
+    type Point = WorldPoint;
+    fn value(&self, p: WorldPoint) -> f64 {
+        let moved = self.field.value(p) - self.by;
+        self.half.map_or(moved, |half| moved.abs() - half)
+    }
+    fn value_and_gradient(&self, p: WorldPoint) -> (f64, Vec3) {
+        let (v, g) = self.field.value_and_gradient(p);
+        let moved = v - self.by;
+        match self.half {
+            Some(half) if moved < 0.0 => (-moved - half, -g),
+            Some(half) => (moved - half, g),
+            None => (moved, g),
+        }
+    }
+    fn bound(&self, region: &Aabb) -> Interval {
+        let b = self.field.bound(region);
+        let moved = Interval::new(b.lo - self.by, b.hi - self.by);
+        let Some(half) = self.half else {
+            return moved;
+        };
+        let m = moved.magnitude();
+        Interval::new(m.lo - half, m.hi - half)
+    }
+    fn fill(&self, lattice: &SampleLattice<WorldPoint>, out: &mut [f32]) {
+        self.field.fill(lattice, out);
+        for v in out {
+            let moved = f64::from(*v) - self.by;
+            *v = self.half.map_or(moved, |half| moved.abs() - half) as f32;
+        }
+    }
+}
+
+/// The common part of two solids. The greater of two distances is too small beyond a convex edge;
+/// here the distance there is that to the edge of the two tangent planes: with values u, v and unit
+/// gradients whose cosine is c, sqrt((u^2 - 2 c u v + v^2) / (1 - c^2)) where both planes pull.
+pub struct ExactIntersection<'a> {
+    /// Distance fields.
+    pub pair: [Box<WorldField<'a>>; 2],
+    /// The edge meant is that of the surfaces at this distance (world units): of a solid that is
+    /// shrunk, the one that it has then.
+    pub level: f64,
+    /// Distances above this one need not hold, world units.
+    pub reach: f64,
+}
+
+impl ExactIntersection<'_> {
+    /// The distance to the edge and its gradient, if the point lies beyond it.
+    fn edge(&self, p: WorldPoint) -> Option<(f64, Vec3)> {
+        let [(u, a), (v, b)] = [0, 1].map(|n| self.pair[n].value_and_gradient(p));
+        let (u, v) = (u - self.level, v - self.level);
+        let (a, b) = (a.try_normalize(0.1)?, b.try_normalize(0.1)?);
+        let c = a.dot(&b);
+        let square = 1.0 - c * c;
+        if c < SHARPEST || square < 1e-6 {
+            return None;
+        }
+        let (s, t) = ((u - c * v) / square, (v - c * u) / square);
+        if s <= 0.0 || t <= 0.0 {
+            return None;
+        }
+        let distance = (u * s + v * t).sqrt();
+        Some((distance + self.level, (a * s + b * t) / distance))
+    }
+
+    /// Whether values of the two may lie beyond an edge that matters: at a sharp one also where one of
+    /// them is still negative, but never more so than the other is positive.
+    fn is_beyond(&self, u: f64, v: f64) -> bool {
+        u + v > 2.0 * self.level && u.max(v) < self.reach
+    }
+}
+
+impl Field for ExactIntersection<'_> {
+    type Point = WorldPoint;
+    fn value(&self, p: WorldPoint) -> f64 {
+        let [u, v] = [0, 1].map(|n| self.pair[n].value(p));
+        let edge = self.is_beyond(u, v).then(|| self.edge(p)).flatten();
+        edge.map_or(u.max(v), |e| e.0)
+    }
+    fn value_and_gradient(&self, p: WorldPoint) -> (f64, Vec3) {
+        let [one, two] = [0, 1].map(|n| self.pair[n].value_and_gradient(p));
+        let edge = self.is_beyond(one.0, two.0).then(|| self.edge(p));
+        edge.flatten()
+            .unwrap_or(if two.0 > one.0 { two } else { one })
+    }
+    fn bound(&self, region: &Aabb) -> Interval {
+        let [a, b] = [0, 1].map(|n| self.pair[n].bound(region));
+        let hi = a.hi.max(b.hi);
+        // To an edge it is further than to either surface.
+        let beyond = a.hi + b.hi > 2.0 * self.level;
+        Interval::new(a.lo.max(b.lo), if beyond { f64::INFINITY } else { hi })
+    }
+    fn fill(&self, lattice: &SampleLattice<WorldPoint>, out: &mut [f32]) {
+        self.pair[0].fill(lattice, out);
+        let mut other = vec![0f32; out.len()];
+        self.pair[1].fill(lattice, &mut other);
+        for (n, (u, &v)) in out.iter_mut().zip(&other).enumerate() {
+            let beyond = self.is_beyond(f64::from(*u), f64::from(v));
+            let edge = beyond.then(|| self.edge(lattice.point(n))).flatten();
+            *u = edge.map_or(u.max(v), |e| e.0 as f32);
+        }
+    }
+}
