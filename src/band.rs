@@ -120,7 +120,8 @@ pub struct BandStats {
     pub leaves_touched: u64,
     /// Leaves that have an active voxel and went to the sink.
     pub leaves_kept: u64,
-    /// Samples of the field taken, those in the layers between blocks included.
+    /// At how many points the field was looked at, those in the layers between blocks included; samples
+    /// that are decided together are not looked at one by one.
     pub voxels_evaluated: u64,
     /// Active voxels.
     pub active_voxels: u64,

@@ -165,6 +165,13 @@ pub trait Field: Send + Sync {
             *v = self.value(lattice.point(n)) as f32;
         }
     }
+
+    /// The same; returns at how many points the field was looked at, which may be fewer than there are
+    /// samples.
+    fn fill_counting(&self, lattice: &SampleLattice<Self::Point>, out: &mut [f32]) -> u64 {
+        self.fill(lattice, out);
+        lattice.len() as u64
+    }
 }
 
 /// A field in world space, as the band sees it.

@@ -29,6 +29,7 @@ use crate::mesh::MeshSolid;
 use crate::scaffold::Scaffold;
 
 mod aligned;
+mod batch;
 mod blend;
 mod bound;
 mod certificate;
@@ -429,8 +430,15 @@ impl<F: Filling> Field for TiledSolid<'_, F> {
     }
 
     fn fill(&self, lattice: &SampleLattice<WorldPoint>, out: &mut [f32]) {
+        self.fill_counting(lattice, out);
+    }
+
+    fn fill_counting(&self, lattice: &SampleLattice<WorldPoint>, out: &mut [f32]) -> u64 {
         match &self.aligned {
-            Some(aligned) => aligned.fill(lattice, out),
+            Some(aligned) => {
+                aligned.fill(lattice, out);
+                lattice.len() as u64
+            }
             None => self.fill_all(lattice, out),
         }
     }

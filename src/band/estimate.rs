@@ -86,7 +86,7 @@ impl Band<'_> {
                         return Err(Cancelled.into());
                     }
                     let start = std::time::Instant::now();
-                    let bits = leaf_values(&culler, leaves[n], &mut [0.0; VOXELS])?;
+                    let (bits, _) = leaf_values(&culler, leaves[n], &mut [0.0; VOXELS])?;
                     Ok(Measured {
                         active: active_voxels(&bits),
                         crossings: crossings(&bits.negative),
@@ -154,7 +154,7 @@ impl Band<'_> {
                     if progress.cancelled() {
                         return Err(Cancelled.into());
                     }
-                    let within = leaf_values(&culler, leaf, &mut [0.0; VOXELS])?.within;
+                    let within = leaf_values(&culler, leaf, &mut [0.0; VOXELS])?.0.within;
                     let active: Vec<usize> = (0..VOXELS)
                         .filter(|&n| within[n >> 6] >> (n & 63) & 1 == 1)
                         .collect();

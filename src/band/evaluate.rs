@@ -90,7 +90,7 @@ fn block(
     let mut stats = BandStats {
         blocks: 1,
         leaves_touched: samples.origins.len() as u64,
-        voxels_evaluated: (samples.origins.len() * VOXELS) as u64,
+        voxels_evaluated: samples.looked,
         ..BandStats::default()
     };
     for first in (0..samples.origins.len()).step_by(BATCH) {
@@ -136,7 +136,7 @@ fn clamp(values: &mut [f32; VOXELS], background: f32) {
     }
 }
 
-/// Fills in the values of one leaf, and says what they are.
+/// Fills in the values of one leaf; says what they are and at how many points the field was looked at.
 ///
 /// # Errors
 /// A value that is not finite.
@@ -144,16 +144,16 @@ pub(super) fn leaf_values(
     culler: &Culler,
     origin: Coord,
     values: &mut [f32; VOXELS],
-) -> Result<Bits, BandError> {
+) -> Result<(Bits, u64), BandError> {
     let lattice = SampleLattice {
         origin: culler.transform.world(origin),
         step: culler.transform.voxel_size(),
         counts: [LEAF as usize; 3],
     };
-    culler.field.fill(&lattice, values);
+    let looked = culler.field.fill_counting(&lattice, values);
     let bits = Bits::of(values, culler.background as f32);
     if bits.finite {
-        return Ok(bits);
+        return Ok((bits, looked));
     }
     let n = values.iter().position(|v| !v.is_finite()).unwrap_or(0);
     let voxel = origin.offset((n >> 6) as i32, (n >> 3 & 7) as i32, (n & 7) as i32);
@@ -171,6 +171,8 @@ struct BlockSamples {
     /// At least as many as there are leaves: recycled memory.
     values: Vec<[f32; VOXELS]>,
     bits: Vec<Bits>,
+    /// At how many points the field was looked at.
+    looked: u64,
     /// Number of the leaf at each of the 16^3 places, z fastest.
     table: Vec<u16>,
 }
@@ -184,25 +186,30 @@ impl BlockSamples {
     ) -> Result<Self, BandError> {
         let mut values = pool::values(origins.len());
         let mut bits = vec![Bits::default(); origins.len()];
-        origins
+        let looked = origins
             .par_chunks(GROUP)
             .zip(values.par_chunks_mut(GROUP))
             .zip(bits.par_chunks_mut(GROUP))
-            .try_for_each(|((group, values), bits)| {
+            .map(|((group, values), bits)| {
                 if progress.cancelled() {
                     return Err(BandError::from(Cancelled));
                 }
+                let mut looked = 0;
                 for (n, &leaf) in group.iter().enumerate() {
-                    bits[n] = leaf_values(culler, leaf, &mut values[n])?;
+                    let (found, points) = leaf_values(culler, leaf, &mut values[n])?;
+                    bits[n] = found;
+                    looked += points;
                 }
-                Ok(())
-            })?;
+                Ok(looked)
+            })
+            .try_reduce(|| 0, |a, b| Ok(a + b))?;
         let mut samples = Self {
             origin,
             table: vec![ABSENT; (EDGE * EDGE * EDGE) as usize],
             origins,
             values,
             bits,
+            looked,
         };
         for n in 0..samples.origins.len() {
             if let Some(place) = samples.place(samples.origins[n]) {
@@ -288,7 +295,7 @@ fn enter_layer(
         counts,
     };
     let mut values = [0.0; SPAN * SPAN];
-    culler.field.fill(&lattice, &mut values);
+    let looked = culler.field.fill_counting(&lattice, &mut values);
     for (n, &v) in values.iter().enumerate() {
         let mut i = [
             n / (counts[1] * counts[2]),
@@ -298,5 +305,5 @@ fn enter_layer(
         i[axis] = (outside + 1) as usize;
         near.enter_sample(i, v < 0.0);
     }
-    values.len() as u64
+    looked
 }

@@ -190,6 +190,19 @@ impl Table {
         }
     }
 
+    /// The same, computed by instructions that every processor has: the same bits on all of them.
+    #[must_use]
+    pub fn portable(mut self) -> Self {
+        let leaves = match &mut self.function {
+            Function::Plain(leaf) => std::slice::from_mut(&mut **leaf),
+            Function::Tree(_, leaves) => leaves,
+        };
+        for leaf in leaves {
+            leaf.spline.be_portable();
+        }
+        self
+    }
+
     /// The element the cell fills; of a ball the cube around it.
     pub fn element(&self) -> Element {
         self.element

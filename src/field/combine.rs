@@ -23,12 +23,13 @@ fn extreme<const S: i8>(fields: &[Box<WorldField>], p: WorldPoint) -> (f64, Vec3
     best
 }
 
-/// Fills with the extreme of the fields that can attain it somewhere in the lattice's box.
+/// Fills with the extreme of the fields that can attain it somewhere in the lattice's box; returns the
+/// greatest number of points at which one of them was looked at.
 fn fill_extreme<const S: i8>(
     fields: &[Box<WorldField>],
     lattice: &SampleLattice<WorldPoint>,
     out: &mut [f32],
-) {
+) -> u64 {
     let span = lattice.span();
     let bounds: Vec<Interval> = fields.iter().map(|f| f.bound(&span)).collect();
     // A field that stays on the losing side of another everywhere in the box cannot be the extreme.
@@ -39,16 +40,18 @@ fn fill_extreme<const S: i8>(
     };
     out.fill(f32::NEG_INFINITY * f32::from(S));
     let mut scratch = vec![0f32; out.len()];
+    let mut most = 0;
     for (f, b) in fields.iter().zip(&bounds) {
         let loses = if S > 0 { b.hi < floor } else { b.lo > floor };
         if loses {
             continue;
         }
-        f.fill(lattice, &mut scratch);
+        most = most.max(f.fill_counting(lattice, &mut scratch));
         for (o, &v) in out.iter_mut().zip(&scratch) {
             *o = if S > 0 { o.max(v) } else { o.min(v) };
         }
     }
+    most
 }
 
 impl Field for Intersection<'_> {
@@ -71,6 +74,9 @@ impl Field for Intersection<'_> {
     }
     fn fill(&self, lattice: &SampleLattice<WorldPoint>, out: &mut [f32]) {
         fill_extreme::<1>(&self.0, lattice, out);
+    }
+    fn fill_counting(&self, lattice: &SampleLattice<WorldPoint>, out: &mut [f32]) -> u64 {
+        fill_extreme::<1>(&self.0, lattice, out)
     }
 }
 
@@ -95,6 +101,9 @@ impl Field for Union<'_> {
     fn fill(&self, lattice: &SampleLattice<WorldPoint>, out: &mut [f32]) {
         fill_extreme::<-1>(&self.0, lattice, out);
     }
+    fn fill_counting(&self, lattice: &SampleLattice<WorldPoint>, out: &mut [f32]) -> u64 {
+        fill_extreme::<-1>(&self.0, lattice, out)
+    }
 }
 
 impl Field for Complement<'_> {
@@ -111,9 +120,13 @@ impl Field for Complement<'_> {
         Interval::new(-b.hi, -b.lo)
     }
     fn fill(&self, lattice: &SampleLattice<WorldPoint>, out: &mut [f32]) {
-        self.0.fill(lattice, out);
+        self.fill_counting(lattice, out);
+    }
+    fn fill_counting(&self, lattice: &SampleLattice<WorldPoint>, out: &mut [f32]) -> u64 {
+        let count = self.0.fill_counting(lattice, out);
         for v in out {
             *v = -*v;
         }
+        count
     }
 }

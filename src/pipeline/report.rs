@@ -129,7 +129,7 @@ pub struct BandReport {
     pub leaves_touched: u64,
     /// Leaves that held active voxels.
     pub leaves_kept: u64,
-    /// Samples of the field.
+    /// At how many points the field was looked at.
     pub voxels_evaluated: u64,
 }
 

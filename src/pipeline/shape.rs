@@ -316,9 +316,16 @@ impl Field for Shifted<'_> {
         })
     }
     fn fill(&self, lattice: &crate::field::SampleLattice<Self::Point>, out: &mut [f32]) {
+        self.fill_counting(lattice, out);
+    }
+    fn fill_counting(
+        &self,
+        lattice: &crate::field::SampleLattice<Self::Point>,
+        out: &mut [f32],
+    ) -> u64 {
         let origin = crate::frame::WorldPoint(lattice.origin.0 + self.by);
         self.field
-            .fill(&crate::field::SampleLattice { origin, ..*lattice }, out);
+            .fill_counting(&crate::field::SampleLattice { origin, ..*lattice }, out)
     }
 }
 
@@ -338,5 +345,12 @@ impl<F: Field> Field for Borrowed<'_, F> {
     }
     fn fill(&self, lattice: &crate::field::SampleLattice<F::Point>, out: &mut [f32]) {
         self.0.fill(lattice, out);
+    }
+    fn fill_counting(
+        &self,
+        lattice: &crate::field::SampleLattice<F::Point>,
+        out: &mut [f32],
+    ) -> u64 {
+        self.0.fill_counting(lattice, out)
     }
 }

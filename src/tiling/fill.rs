@@ -1,45 +1,80 @@
 //! The tiling's values in bulk: what can be decided for small boxes is not asked of samples.
 
+use super::batch::{Batch, Target};
 use super::near::{Known, Local};
-use super::{Filling, TiledSolid};
+use super::{Distance, Filling, TiledSolid};
 use crate::field::{Field, SampleLattice};
 use crate::frame::{Aabb, Vec3, WorldPoint};
+use std::cell::Cell;
 
 /// Samples along the edge of the boxes that are decided as a whole.
 const PART: usize = 4;
+/// Samples along the edge of the blocks that they are made of.
+const BLOCK: usize = 2;
+
+/// What a thread keeps from one lattice to the next.
+#[derive(Default)]
+struct Scratch {
+    values: Vec<f32>,
+    blocks: Vec<Vec<Target>>,
+    batch: Batch,
+}
+
+thread_local! {
+    static SCRATCH: Cell<Scratch> = Cell::default();
+}
 
 impl<F: Filling> TiledSolid<'_, F> {
-    /// Values on a lattice, over all components.
-    pub(super) fn fill_all(&self, lattice: &SampleLattice<WorldPoint>, out: &mut [f32]) {
+    /// Values on a lattice, over all components; returns at how many points a cell was looked at.
+    pub(super) fn fill_all(&self, lattice: &SampleLattice<WorldPoint>, out: &mut [f32]) -> u64 {
         let w = self.options.half_width;
         if !self.is_cut() && self.components.len() > 1 {
             for (n, v) in out.iter_mut().enumerate() {
                 *v = self.value(lattice.point(n)) as f32;
             }
-            return;
+            return lattice.len() as u64;
         }
         if lattice.is_empty() {
-            return;
+            return 0;
         }
         let span = lattice.span();
         let reaches = |c: &usize| {
             let bounds = self.components[*c].boundary.bounds();
             !self.is_cut() || bounds.dilated(w).meets(span)
         };
-        let mut scratch = Vec::new();
+        let mut scratch = SCRATCH.take();
+        scratch.batch.looked = 0;
         out.fill(w as f32);
+        let mut first = true;
         for component in (0..self.components.len()).filter(reaches) {
-            scratch.clear();
-            scratch.resize(out.len(), w as f32);
-            self.fill_one(component, lattice, &mut scratch);
-            for (o, &v) in out.iter_mut().zip(&scratch) {
+            if first {
+                self.fill_one(component, lattice, &mut scratch, out);
+                first = false;
+                continue;
+            }
+            let mut values = std::mem::take(&mut scratch.values);
+            values.clear();
+            values.resize(out.len(), w as f32);
+            self.fill_one(component, lattice, &mut scratch, &mut values);
+            for (o, &v) in out.iter_mut().zip(&values) {
                 *o = o.min(v);
             }
+            scratch.values = values;
         }
+        let looked = scratch.batch.looked;
+        SCRATCH.set(scratch);
+        looked
     }
 
     /// Values of one component, its boundary included.
-    fn fill_one(&self, component: usize, lattice: &SampleLattice<WorldPoint>, out: &mut [f32]) {
+    fn fill_one(
+        &self,
+        component: usize,
+        lattice: &SampleLattice<WorldPoint>,
+        scratch: &mut Scratch,
+        out: &mut [f32],
+    ) {
+        let Scratch { blocks, batch, .. } = scratch;
         let w = self.options.half_width;
         let span = lattice.span();
         let whole_depth = self.boundary_range(component, &span);
@@ -77,11 +112,19 @@ impl<F: Filling> TiledSolid<'_, F> {
                 Some(c) if c > 0.0 || known.is_deep || !self.is_cut() => Some(c),
                 _ => None,
             };
-            for n in part.indices(lattice) {
-                out[n] = whole.unwrap_or_else(|| {
+            if let Some(d) = whole {
+                for n in part.indices(lattice) {
+                    out[n] = d as f32;
+                }
+            } else if known.constant.is_none() && self.options.distance == Distance::Fast {
+                part.blocks(lattice, blocks);
+                self.measure(component, &mut local, blocks, known, batch, out);
+            } else {
+                for n in part.indices(lattice) {
+                    batch.looked += 1;
                     let x = lattice.point(n).0;
-                    self.value_at(component, &mut local, x, known)
-                }) as f32;
+                    out[n] = self.value_at(component, &mut local, x, known) as f32;
+                }
             }
         }
     }
@@ -115,6 +158,23 @@ impl PartOfLattice {
                 row + first[2]..=row + last[2]
             })
         })
+    }
+}
+
+impl PartOfLattice {
+    /// Its samples by blocks, each in storage order; blocks that are left over are empty.
+    fn blocks(&self, lattice: &SampleLattice<WorldPoint>, blocks: &mut Vec<Vec<Target>>) {
+        let [_, ny, nz] = lattice.counts;
+        let count = |a: usize| (self.last[a] - self.first[a]) / BLOCK + 1;
+        blocks.resize_with(count(0) * count(1) * count(2), Vec::new);
+        for block in blocks.iter_mut() {
+            block.clear();
+        }
+        for n in self.indices(lattice) {
+            let at = [n / (ny * nz), n / nz % ny, n % nz];
+            let [i, j, k] = [0, 1, 2].map(|a| (at[a] - self.first[a]) / BLOCK);
+            blocks[(i * count(1) + j) * count(2) + k].push((n, lattice.point(n).0));
+        }
     }
 }
 

@@ -222,9 +222,16 @@ impl<F: Filling> TiledSolid<'_, F> {
         let d = known
             .constant
             .unwrap_or_else(|| self.distance(local, at, x));
-        if known.is_deep || d >= w || !self.is_cut() {
+        self.cut(component, d, x, known)
+    }
+
+    /// The distance `d` of the field at a point of the scaffold, the boundary regarded.
+    pub(super) fn cut(&self, component: usize, d: f64, x: Vec3, known: Known) -> f64 {
+        if known.is_deep || d >= self.options.half_width || !self.is_cut() {
             return d;
         }
+        let slack = self.chord_slack();
+        let boundary = &self.components[component].boundary;
         // The boundary shows only where it is nearer than the surface.
         match boundary.closest_within(x, slack.max(-d).min(known.distance * (1.0 + 1e-9))) {
             Some(c) if c.distance < self.on_boundary() => d.max(0.0),

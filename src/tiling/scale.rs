@@ -69,26 +69,73 @@ impl<F: Filling> TiledSolid<'_, F> {
 
     /// The scale `s_e`: distance per field unit at `x`, by two damped Newton steps with one element's
     /// own field, given its value and gradient there.
-    fn scale(&self, patch: &Patch, spot: &Spot, x: Vec3, (f0, g0): (f64, Vec3)) -> f64 {
+    fn scale(&self, patch: &Patch, spot: &Spot, x: Vec3, slope: (f64, Vec3)) -> f64 {
+        let mut advance = self.advance(patch, slope);
+        if advance.goes_on() {
+            let step = advance.step;
+            let ahead = patch.follow(self.scaffold, spot, step, x + step);
+            let slope = self.slope(patch.number() as u32, &ahead);
+            advance.arrive(self.step(patch, slope));
+        }
+        advance.scale(patch)
+    }
+
+    /// The first of both steps.
+    pub(super) fn advance(&self, patch: &Patch, (f, g): (f64, Vec3)) -> Advance {
+        let size = f.abs();
+        if size < 1e-9 * patch.slope_rms * self.options.voxel_size {
+            let damping = (DAMPING * patch.slope_rms).powi(2);
+            return Advance {
+                step: Vec3::zeros(),
+                size: 0.0,
+                scale: g.norm() / (g.norm_squared() + damping),
+            };
+        }
+        Advance {
+            step: self.step(patch, (f, g)),
+            size,
+            scale: 0.0,
+        }
+    }
+
+    /// A damped Newton step from a point with this value and gradient.
+    pub(super) fn step(&self, patch: &Patch, (f, g): (f64, Vec3)) -> Vec3 {
         let damping = (DAMPING * patch.slope_rms).powi(2);
         let longest = 2.0 * self.options.half_width;
-        let step = |f: f64, g: Vec3| {
-            let step = g * (-f / (g.norm_squared() + damping));
-            let length = step.norm();
-            if length > longest {
-                step * (longest / length)
-            } else {
-                step
-            }
-        };
-        let s = if f0.abs() < 1e-9 * patch.slope_rms * self.options.voxel_size {
-            g0.norm() / (g0.norm_squared() + damping)
+        let step = g * (-f / (g.norm_squared() + damping));
+        let square = step.norm_squared();
+        if square > longest * longest {
+            step * (longest / square.sqrt())
         } else {
-            let first = step(f0, g0);
-            let ahead = patch.follow(self.scaffold, spot, first, x + first);
-            let (f1, g1) = self.slope(patch.number() as u32, &ahead);
-            (first + step(f1, g1)).norm() / f0.abs()
-        };
-        s.min(STEEPEST / patch.slope_rms).max(1.0 / patch.slope_sup)
+            step
+        }
+    }
+}
+
+/// Two steps towards the zero set, of which one is made.
+#[derive(Clone, Copy, Default)]
+pub(super) struct Advance {
+    pub step: Vec3,
+    /// |F| at the start; 0 where that is a zero already.
+    size: f64,
+    scale: f64,
+}
+
+impl Advance {
+    /// Whether there is a second step.
+    pub fn goes_on(&self) -> bool {
+        self.size > 0.0
+    }
+
+    /// Makes the second step.
+    pub fn arrive(&mut self, step: Vec3) {
+        self.scale = (self.step + step).norm() / self.size;
+    }
+
+    /// The distance per field unit, not beyond its limits.
+    pub fn scale(&self, patch: &Patch) -> f64 {
+        self.scale
+            .min(STEEPEST / patch.slope_rms)
+            .max(1.0 / patch.slope_sup)
     }
 }

@@ -23,7 +23,22 @@ pub trait CellField: Field<Point = CellPoint<3>> {
     fn products(&self) -> Option<&Products> {
         None
     }
+    /// Values at points, into `out` of the same length.
+    fn values(&self, points: &[CellPoint<3>], out: &mut [f64]) {
+        for (v, &p) in out.iter_mut().zip(points) {
+            *v = Field::value(self, p);
+        }
+    }
+    /// Values and gradients at points, into `out` of the same length.
+    fn slopes(&self, points: &[CellPoint<3>], out: &mut [(f64, Vec3)]) {
+        for (s, &p) in out.iter_mut().zip(points) {
+            *s = Field::value_and_gradient(self, p);
+        }
+    }
 }
+
+/// Points that a table is asked for together.
+const TOGETHER: usize = 64;
 
 impl CellField for Table {
     fn element(&self) -> Element {
@@ -40,6 +55,27 @@ impl CellField for Table {
     }
     fn products(&self) -> Option<&Products> {
         Self::products(self)
+    }
+    fn values(&self, points: &[CellPoint<3>], out: &mut [f64]) {
+        let mut found = [0.0; TOGETHER];
+        for (points, out) in points.chunks(TOGETHER).zip(out.chunks_mut(TOGETHER)) {
+            let found = &mut found[..points.len()];
+            Self::values(self, points, found);
+            for (v, &f) in out.iter_mut().zip(&*found) {
+                *v = f64::from(f);
+            }
+        }
+    }
+    fn slopes(&self, points: &[CellPoint<3>], out: &mut [(f64, Vec3)]) {
+        let mut found = [[0.0; 4]; TOGETHER];
+        for (points, out) in points.chunks(TOGETHER).zip(out.chunks_mut(TOGETHER)) {
+            let found = &mut found[..points.len()];
+            self.values_and_gradients(points, found);
+            for (s, f) in out.iter_mut().zip(&*found) {
+                let [v, x, y, z] = f.map(f64::from);
+                *s = (v, Vec3::new(x, y, z));
+            }
+        }
     }
 }
 
@@ -89,6 +125,20 @@ pub trait Filling: Send + Sync {
         self.value_and_gradient(element, xi).0
     }
 
+    /// Values at points of one element, into `out` of the same length.
+    fn values(&self, element: usize, points: &[CellPoint<3>], out: &mut [f64]) {
+        for (v, &p) in out.iter_mut().zip(points) {
+            *v = self.value(element, p);
+        }
+    }
+
+    /// Values and gradients at points of one element, into `out` of the same length.
+    fn slopes(&self, element: usize, points: &[CellPoint<3>], out: &mut [(f64, Vec3)]) {
+        for (s, &p) in out.iter_mut().zip(points) {
+            *s = self.value_and_gradient(element, p);
+        }
+    }
+
     /// Contains every value over a box within the reference cell.
     fn bound(&self, element: usize, region: &CellBox<3>) -> Interval;
 
@@ -136,6 +186,14 @@ impl<C: CellField> Filling for C {
 
     fn value(&self, _: usize, xi: CellPoint<3>) -> f64 {
         Field::value(self, xi)
+    }
+
+    fn values(&self, _: usize, points: &[CellPoint<3>], out: &mut [f64]) {
+        CellField::values(self, points, out);
+    }
+
+    fn slopes(&self, _: usize, points: &[CellPoint<3>], out: &mut [(f64, Vec3)]) {
+        CellField::slopes(self, points, out);
     }
 
     fn bound(&self, _: usize, region: &CellBox<3>) -> Interval {

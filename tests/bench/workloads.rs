@@ -25,12 +25,14 @@ mod workloads {
     #[cfg(feature = "vdb")]
     pub mod mesher;
     pub mod reader;
+    pub mod table;
     pub mod w1;
+    pub mod w2;
     #[cfg(feature = "vdb")]
     pub mod write;
 }
 use workloads::figure::{FIGURES, Found, asks_for, object, table};
-use workloads::{child, w1};
+use workloads::{child, table as look_up, w1, w2};
 #[cfg(feature = "vdb")]
 use workloads::{filters, mesher, write};
 
@@ -64,6 +66,18 @@ const SUBJECTS: &[Subject] = &[
     Subject {
         keys: &["P5"],
         measure: w1::first_pass,
+    },
+    Subject {
+        keys: &["P6", "P6.gradient", "P18.lookup"],
+        measure: look_up::look_ups,
+    },
+    Subject {
+        keys: &["P7", "P8", "P10.w2", "P10.w2.evaluated", "P17"],
+        measure: w2::struts_in_tets,
+    },
+    Subject {
+        keys: &["P10.w3", "P10.w3.evaluated", "P17.w3"],
+        measure: w2::blend_in_hexes,
     },
     Subject {
         keys: &["P9", "P9.padding", "P10", "P10.evaluated"],

@@ -12,6 +12,7 @@ use druse::tiling::{Boundary, CellField, Distance, TiledSolid, TilingOptions};
 
 mod aligned;
 mod cosines;
+mod counts;
 mod distances;
 mod mixed;
 

@@ -22,7 +22,7 @@ use pulp::{NullaryFnOnce, x86::V3};
 
 /// Points that are evaluated together.
 const GROUP: usize = 8;
-/// Coefficients around a point in one plane.
+/// Coefficients around a point in a plane.
 const PATCH: usize = 16;
 
 /// How an axis is folded: turns of its fold's period, spline cells.
@@ -136,6 +136,12 @@ impl Spline {
 
     pub fn grid(&self) -> &Grid {
         &self.grid
+    }
+
+    /// Does without the instructions that only some processors have.
+    pub fn be_portable(&mut self) {
+        #[cfg(target_arch = "x86_64")]
+        self.wide.take();
     }
 
     pub fn bytes(&self) -> usize {

@@ -1,0 +1,62 @@
+//! Look-ups in a cell's table.
+
+use super::clock::{Spread, in_turn};
+use super::figure::Found;
+use super::w2::walk;
+use crate::Setting;
+use druse::cell::{Surface, Table};
+use druse::frame::Element;
+use std::hint::black_box;
+
+const ROUNDS: usize = 7;
+/// Greatest error, in reference lengths: makes a table of 128 samples and 5 MiB.
+const TOLERANCE: f64 = 1e-6;
+
+/// P6 and P18.lookup.
+pub fn look_ups(_: &Setting) -> Result<Vec<Found>, Box<dyn std::error::Error>> {
+    let cell = Surface::Neovius.cell(Element::Hex)?;
+    let table = Table::with_tolerance(&cell, TOLERANCE)?;
+    let portable = Table::with_tolerance(&cell, TOLERANCE)?.portable();
+    let points = walk();
+    let (mut values, mut more) = (vec![0.0; 512], vec![0.0; 512]);
+    let mut slopes = vec![[0.0; 4]; 512];
+    let seconds = in_turn(
+        ROUNDS,
+        &mut [
+            &mut || {
+                for leaf in points.chunks(512) {
+                    table.values(leaf, &mut values);
+                    black_box(&values);
+                }
+            },
+            &mut || {
+                for leaf in points.chunks(512) {
+                    table.values_and_gradients(leaf, &mut slopes);
+                    black_box(&slopes);
+                }
+            },
+            &mut || {
+                for leaf in points.chunks(512) {
+                    portable.values(leaf, &mut more);
+                    black_box(&more);
+                }
+            },
+        ],
+    );
+    let each = |s: &[f64]| {
+        let s: Vec<f64> = s.iter().map(|s| s * 1e9 / points.len() as f64).collect();
+        Spread::of(&s)
+    };
+    let size = format!(
+        "{} samples, {:.1} MiB",
+        table.samples(),
+        table.bytes() as f64 / 1048576.0
+    );
+    let (value, slope) = (each(&seconds[0]), each(&seconds[1]));
+    let ratios = Spread::of_ratios(&seconds[2], &seconds[0]);
+    Ok(vec![
+        Found::new("P6", value.median, format!("{value}; {size}")),
+        Found::new("P6.gradient", slope.median, format!("{slope}; {size}")),
+        Found::new("P18.lookup", ratios.median, ratios.to_string()),
+    ])
+}

@@ -1,0 +1,71 @@
+//! What a band costs, in counts: leaves visited, points looked at.
+
+use super::{options, scaffold};
+use crate::strategy::Noise;
+use druse::band::{Band, LeafMap};
+use druse::cell::{Surface, Table};
+use druse::field::Field;
+use druse::frame::{Coord, Transform};
+use druse::progress::{Silent, Threads};
+use druse::scaffold::Kind;
+use druse::tiling::TiledSolid;
+
+#[test]
+fn few_points_are_looked_at_for_each_active_voxel_and_give_what_single_points_do() {
+    for kind in [Kind::Tet4, Kind::Tet10, Kind::Hex8] {
+        let scaffold = scaffold(kind, [2, 2, 2], 0.15, 5);
+        let surface = if kind == Kind::Hex8 {
+            Surface::SchwarzP
+        } else {
+            Surface::Diamond
+        };
+        let cell = surface.cell(kind.shape()).unwrap();
+        let table = Table::new(&cell).unwrap();
+        // 80 voxels an edge of the grid.
+        let h = 1.0 / 80.0;
+        let tiled = TiledSolid::new(&scaffold, &table, options(h)).unwrap();
+        let transform = Transform::new(h).unwrap();
+        let found = [1, 2].map(|threads| {
+            let sink = LeafMap::default();
+            let band = Band {
+                field: &tiled,
+                transform,
+                half_width: 3.0,
+                extent: scaffold.bounds(),
+            };
+            let threads = Threads::new(threads).unwrap();
+            (
+                band.evaluate(&threads, &Silent, &sink).unwrap(),
+                sink.into_leaves(),
+            )
+        });
+        let [(stats, leaves), (again, same)] = found;
+        assert_eq!(stats, again);
+        assert!(leaves == same);
+        let evaluated = stats.voxels_evaluated as f64 / stats.active_voxels as f64;
+        let touched = stats.leaves_touched as f64 / stats.leaves_kept as f64;
+        println!(
+            "{}: {evaluated:.2} evaluated, {touched:.2} touched",
+            kind.name()
+        );
+        assert!(evaluated <= 4.0, "{}: {evaluated}", kind.name());
+        assert!(touched <= 1.4, "{}: {touched}", kind.name());
+        let mut noise = Noise::new(3);
+        for (origin, (mask, values)) in leaves.iter().step_by(37) {
+            let n = noise.below(512);
+            if mask[n >> 6] >> (n & 63) & 1 == 0 {
+                continue;
+            }
+            let voxel = Coord::new(
+                origin[0] + (n >> 6) as i32,
+                origin[1] + (n >> 3 & 7) as i32,
+                origin[2] + (n & 7) as i32,
+            );
+            let single = tiled.value(transform.world(voxel));
+            assert!(
+                (f64::from(values[n]) - single).abs() < 1e-4 * h,
+                "{voxel:?}"
+            );
+        }
+    }
+}
