@@ -206,11 +206,10 @@ pub fn struts_in_tets(setting: &Setting) -> Result<Vec<Found>, Fault> {
     let run = |field: &WorldField| {
         pass(field, extent, &one).expect("the field is finite");
     };
+    let small_run: &mut dyn FnMut() = &mut || run(&small);
     let seconds = in_turn(
         ROUNDS,
-        &mut [&mut || run(&field), &mut || run(&large), &mut || {
-            run(&small)
-        }],
+        &mut [&mut || run(&field), &mut || run(&large), small_run],
     );
     let active = stats.active_voxels as f64;
     let each: Vec<f64> = seconds[0].iter().map(|s| s * 1e9 / active).collect();
