@@ -9,9 +9,7 @@ use crate::band::{Band, BandStats, Region};
 use crate::frame::{Aabb, Transform};
 use crate::progress::{Progress, Threads};
 use crate::recipe::{Kernel, Op, Recipe, Resample, Scale, Side};
-use crate::vdb::{
-    LevelSet, LevelSetBuilder, Scheme, Session, Tools, Unwanted, VdbError, WallSide,
-};
+use crate::vdb::{LevelSet, LevelSetBuilder, Scheme, Session, Tools, Unwanted, VdbError, WallSide};
 
 /// What every stage of a run shares.
 #[derive(Clone, Copy)]

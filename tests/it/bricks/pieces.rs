@@ -4,12 +4,15 @@ use super::runs::{hashes, options};
 use druse::pipeline::{Report, run};
 use druse::progress::Silent;
 use druse::recipe::Recipe;
+use std::fmt::Write as _;
 
 /// Balls of many sizes on both sides of the faces of blocks, bars and shells through several of them:
 /// pieces in pieces, and voids that hold pieces. A block is 25.6 mm.
 fn solids() -> String {
     let mut text = String::from("druse = 1\nunit = \"mm\"\n[band]\nvoxel_size = 0.2\n");
-    let mut op = |word: &str, solid: &str| text += &format!("[[op]]\n{word} = {{ {solid} }}\n");
+    let mut op = |word: &str, solid: &str| {
+        let _ = writeln!(text, "[[op]]\n{word} = {{ {solid} }}");
+    };
     let ball = |c: [f64; 3], r: f64| format!("sphere = {{ centre = {c:?}, radius = {r} }}");
     // A shell whose void spans eight blocks, with a ball in it and a hollow ball in a corner.
     op("union", &ball([0.3, 0.1, 0.2], 14.0));
