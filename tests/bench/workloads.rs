@@ -10,6 +10,7 @@
 //! | W1s | one gyroid cell in a box: 100^3 and 200^3 voxels, in full 200^3 and 400^3 |
 //! | W2 | a strut cell in the tets of an ellipsoid |
 //! | W3 | two cells blended over a block of hexes |
+//! | W4 | 5^3 strut cells of 100 voxels, in full 800: larger than its memory |
 //!
 //! Baselines: a scalar f64 callback per voxel, the way of programs that take the user's function; the
 //! same in f32 by leaves; dense arrays from 1-D tables, as a good numpy program has them; writing the
@@ -25,6 +26,8 @@ mod workloads {
     #[cfg(feature = "vdb")]
     pub mod mesher;
     pub mod reader;
+    #[cfg(all(feature = "vdb", feature = "cli"))]
+    pub mod stream;
     pub mod table;
     pub mod w1;
     pub mod w2;
@@ -33,6 +36,8 @@ mod workloads {
 }
 use workloads::figure::{FIGURES, Found, asks_for, object, table};
 use workloads::{child, table as look_up, w1, w2};
+#[cfg(all(feature = "vdb", feature = "cli"))]
+use workloads::stream;
 #[cfg(feature = "vdb")]
 use workloads::{filters, mesher, write};
 
@@ -97,6 +102,16 @@ const SUBJECTS: &[Subject] = &[
     Subject {
         keys: &["P14", "P17.mesh"],
         measure: mesher::against_open_vdb,
+    },
+    #[cfg(all(feature = "vdb", feature = "cli"))]
+    Subject {
+        keys: &["P11", "P11.seconds"],
+        measure: stream::larger_than_memory,
+    },
+    #[cfg(all(feature = "vdb", feature = "cli"))]
+    Subject {
+        keys: &["P11.growth"],
+        measure: stream::growth,
     },
     Subject {
         keys: &["P17.w1"],
