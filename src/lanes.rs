@@ -166,7 +166,8 @@ impl Lanes for Wide {
     }
     #[inline(always)]
     fn magnitude(self, a: Self::F) -> Self::F {
-        self.0.abs_f32s(a)
+        // One instruction more than clearing the sign, but surely inlined.
+        self.max(a, self.sub(self.splat(0.0), a))
     }
     #[inline(always)]
     fn below(self, a: Self::F, b: Self::F) -> u8 {

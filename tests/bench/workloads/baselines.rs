@@ -1,6 +1,7 @@
 //! What others do, and what the machine can do at most.
 
 use super::reader::Reader;
+#[cfg(feature = "vdb")]
 use druse::band::{LeafBatch, LeafSink, SinkError};
 use druse::frame::Coord;
 use std::f64::consts::TAU;
@@ -87,6 +88,7 @@ pub fn leafwise_f32(at: Box, reader: &Reader) {
 }
 
 /// B0 delivered to a sink in batches.
+#[cfg(feature = "vdb")]
 pub fn callback_to_sink(at: Box, scale: f32, sink: &dyn LeafSink) -> Result<(), SinkError> {
     let function: fn(Box, [f64; 3]) -> f64 = black_box(scalar_f64);
     let batches = std::cell::RefCell::new(std::collections::BTreeMap::<Coord, LeafBatch>::new());
