@@ -332,10 +332,10 @@ impl Scaffold {
         let at = Aabb::of([p.0]).dilated(margin);
         self.tree.overlapping(&at, |slot| {
             let e = self.tree.order()[slot];
-            if best.is_none_or(|(least, _)| e < least) {
-                if let Some(xi) = self.element(e as usize).inverse_inside(p, INSIDE) {
-                    best = Some((e, xi));
-                }
+            if best.is_none_or(|(least, _)| e < least)
+                && let Some(xi) = self.element(e as usize).inverse_inside(p, INSIDE)
+            {
+                best = Some((e, xi));
             }
             true
         });

@@ -279,12 +279,12 @@ impl<'a, F: Filling> TiledSolid<'a, F> {
             .and_then(|products| aligned::Aligned::new(scaffold, products, &patches, options));
         Ok(Self {
             scaffold,
-            aligned,
             filling,
             options,
             patches,
             component_of,
             components,
+            aligned,
         })
     }
 

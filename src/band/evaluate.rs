@@ -239,10 +239,10 @@ impl BlockSamples {
         for d in 0..27usize {
             let direction = [d / 9, d / 3 % 3, d % 3];
             let [x, y, z] = direction.map(|i| (i as i32 - 1) * LEAF);
-            if let Some(place) = self.place(leaf.offset(x, y, z)) {
-                if let Some(bits) = self.bits.get(self.table[place] as usize) {
-                    near.enter_leaf(direction, &bits.negative);
-                }
+            if let Some(place) = self.place(leaf.offset(x, y, z))
+                && let Some(bits) = self.bits.get(self.table[place] as usize)
+            {
+                near.enter_leaf(direction, &bits.negative);
             }
         }
         let mut taken = 0;

@@ -59,7 +59,7 @@ mod tests {
             let mut known = BTreeMap::new();
             for slot in 0..edge * edge * edge {
                 state = state.wrapping_mul(6364136223846793005).wrapping_add(1);
-                if (state >> 33) % 8 == 0 {
+                if (state >> 33).is_multiple_of(8) {
                     known.insert(slot, state >> 40 & 1 == 0);
                 }
             }

@@ -255,7 +255,7 @@ pub(super) fn inspect(
     };
     let (entries, index) = (word(0), word(8));
     let end = length - TAIL;
-    if index < HEAD || index > end || (end - index) % ENTRY as u64 != 0 {
+    if index < HEAD || index > end || !(end - index).is_multiple_of(ENTRY as u64) {
         return Err(unfit(format!("an index at byte {index} of {length}")));
     }
     if (end - index) / ENTRY as u64 != entries {

@@ -27,7 +27,7 @@ const MOST: usize = 16;
 /// The values of the functions along one axis, at eight places.
 pub type Along<F> = [F; FUNCTIONS];
 
-/// c X_i(x) Y_j(y) Z_k(z).
+/// `c X_i(x) Y_j(y) Z_k(z)`.
 #[derive(Clone, Copy, Debug)]
 struct Product {
     functions: [usize; 3],
@@ -41,7 +41,7 @@ struct Product {
 /// A short series in product form, with the level subtracted and the solid's sign.
 #[derive(Clone, Debug)]
 pub struct Products {
-    products: Vec<Product>,
+    terms: Vec<Product>,
     harmonics: usize,
     solid: Solid,
     half: f64,
@@ -117,7 +117,7 @@ impl Products {
         along_z.sort_unstable();
         along_z.dedup();
         (products.len() <= MOST).then_some(Self {
-            products,
+            terms: products,
             harmonics,
             solid,
             half: if solid.is_symmetric() {
@@ -157,7 +157,7 @@ impl Products {
             values
         });
         let (mut value, mut gradient) = (0.0, Vec3::zeros());
-        for p in &self.products {
+        for p in &self.terms {
             let f: [f64; 3] = std::array::from_fn(|a| along[a][p.functions[a]]);
             let g: [f64; 3] = std::array::from_fn(|a| along[a][p.turned[a]] * f64::from(p.rate[a]));
             value += p.exact * f[0] * f[1] * f[2];
@@ -179,7 +179,7 @@ impl Products {
     pub fn bound(&self, centre: Vec3, half: Vec3) -> (f64, f64) {
         let (raw, gradient) = self.raw(centre);
         let (mut curved, mut most, mut mean) = (0.0, 0.0, 0.0);
-        for p in &self.products {
+        for p in &self.terms {
             let reach: f64 = (0..3)
                 .map(|a| TAU * p.functions[a].div_ceil(2) as f64 * half[a])
                 .sum();
@@ -257,7 +257,7 @@ impl Products {
         let zero = l.splat(0.0);
         let (mut value, mut gradient) = (zero, [zero; 3]);
         let [x, y, z] = at;
-        for p in &self.products {
+        for p in &self.terms {
             let ([i, j, k], [di, dj, dk]) = (p.functions, p.turned);
             let c = l.splat(p.factor);
             let (fx, fy, fz) = (x[i], y[j], z[k]);
@@ -311,7 +311,7 @@ impl Products {
         y: &Along<L::F>,
     ) -> [[f32; 8]; FUNCTIONS] {
         let mut sums = [l.splat(0.0); FUNCTIONS];
-        for p in &self.products {
+        for p in &self.terms {
             let [i, j, k] = p.functions;
             sums[k] = l.fused(l.splat(p.factor * x[i][place]), y[j], sums[k]);
         }
@@ -372,7 +372,7 @@ const SINE: [f32; 6] = [
 ];
 const COSINE: [f32; 7] = [
     2.087_675_7e-9,
-    -2.755_731_9e-7,
+    -2.755_732e-7,
     2.480_158_7e-5,
     -1.388_888_9e-3,
     4.166_666_8e-2,

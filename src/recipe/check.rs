@@ -299,11 +299,11 @@ fn no_voxels(length: Length, key: &str, source: &Source) -> Checked {
 }
 
 fn operation(op: &Op, key: &str, source: &Source) -> Checked {
-    if let Some(Operand::Plane(plane)) = op.operand() {
-        if plane.normal.iter().all(|c| c.0 == 0.0) {
-            let key = format!("{key}.{}", op.name());
-            return Err(source.fault(&key, "the plane's normal is 0; expected a direction"));
-        }
+    if let Some(Operand::Plane(plane)) = op.operand()
+        && plane.normal.iter().all(|c| c.0 == 0.0)
+    {
+        let key = format!("{key}.{}", op.name());
+        return Err(source.fault(&key, "the plane's normal is 0; expected a direction"));
     }
     if let (Op::Open(_) | Op::Close(_), Some(_)) = (op, op.mask()) {
         return Err(source
@@ -313,16 +313,16 @@ fn operation(op: &Op, key: &str, source: &Source) -> Checked {
             )
             .hint("mask its two halves, dilate and erode"));
     }
-    if let Some(range) = op.mask().map(|m| m.range) {
-        if range[1].0 <= range[0].0 {
-            return Err(source.fault(
-                &format!("{key}.{}", op.name()),
-                format!(
-                    "the mask's range goes from {} to {}; expected it to ascend",
-                    range[0], range[1]
-                ),
-            ));
-        }
+    if let Some(range) = op.mask().map(|m| m.range)
+        && range[1].0 <= range[0].0
+    {
+        return Err(source.fault(
+            &format!("{key}.{}", op.name()),
+            format!(
+                "the mask's range goes from {} to {}; expected it to ascend",
+                range[0], range[1]
+            ),
+        ));
     }
     if let Op::Gaussian(k) | Op::Mean(k) | Op::Median(k) = op {
         let Width(width) = k.width;

@@ -204,7 +204,7 @@ impl<T: Coefficient> Net<T> {
         let n = self.degree;
         let (mut low, mut high) = (self.clone(), self.clone());
         for start in 0..self.coefficients.len() {
-            if start / stride % (n + 1) != 0 {
+            if !(start / stride).is_multiple_of(n + 1) {
                 continue;
             }
             let at = |i: usize| start + i * stride;

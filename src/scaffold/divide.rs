@@ -258,7 +258,7 @@ fn columns(kind: Kind) -> Vec<Part> {
     let corners = [[0, 0], [12, 0], [0, 12]];
     let middle = |i: usize| -> [i64; 2] {
         let (a, b) = (corners[i], corners[(i + 1) % 3]);
-        [0, 1].map(|axis| (a[axis] + b[axis]) / 2)
+        [0, 1].map(|axis| i64::midpoint(a[axis], b[axis]))
     };
     let quad = |i: usize| [corners[i], middle(i), [4, 4], middle((i + 2) % 3)];
     let part = |i: usize| Part {
@@ -275,7 +275,8 @@ fn columns(kind: Kind) -> Vec<Part> {
 /// of edge 01 to that of edge 23.
 fn eighths(kind: Kind) -> Vec<Part> {
     let v = [[0, 0, 0], [2, 0, 0], [0, 2, 0], [0, 0, 2]];
-    let mid = |a: usize, b: usize| -> [i64; 3] { [0, 1, 2].map(|i| (v[a][i] + v[b][i]) / 2) };
+    let mid =
+        |a: usize, b: usize| -> [i64; 3] { [0, 1, 2].map(|i| i64::midpoint(v[a][i], v[b][i])) };
     let mut all: Vec<Vec<[i64; 3]>> = (0..4)
         .map(|i| {
             (0..4)

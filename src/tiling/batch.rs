@@ -98,14 +98,14 @@ impl<F: Filling> TiledSolid<'_, F> {
             let block = batch.blocks.get(whole).filter(|b| b.number == number);
             whole += usize::from(block.is_some());
             let w = self.options.half_width;
-            if let Some(b) = block {
-                if b.f.abs() >= local.near.slope_sup * (radius + w) {
-                    let d = w.copysign(b.f);
-                    for &(n, x) in samples {
-                        out[n] = self.cut(component, d, x, known) as f32;
-                    }
-                    continue;
+            if let Some(b) = block
+                && b.f.abs() >= local.near.slope_sup * (radius + w)
+            {
+                let d = w.copysign(b.f);
+                for &(n, x) in samples {
+                    out[n] = self.cut(component, d, x, known) as f32;
                 }
+                continue;
             }
             let certain = block.map(|b| (b.owner.place, b.depth - radius));
             for &(n, x) in samples {

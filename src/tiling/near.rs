@@ -168,11 +168,11 @@ impl<F: Filling> TiledSolid<'_, F> {
             }
         }
         for place in 0..local.near.patches.len() {
-            if let Some(spot) = self.spot(local, place, x, margin) {
-                if spot.beyond <= ON_FACE {
-                    local.last = Some(local.near.patches[place]);
-                    return Some(Owner { place, spot });
-                }
+            if let Some(spot) = self.spot(local, place, x, margin)
+                && spot.beyond <= ON_FACE
+            {
+                local.last = Some(local.near.patches[place]);
+                return Some(Owner { place, spot });
             }
         }
         None

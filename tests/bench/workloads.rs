@@ -35,9 +35,9 @@ mod workloads {
     pub mod write;
 }
 use workloads::figure::{FIGURES, Found, asks_for, object, table};
-use workloads::{child, table as look_up, w1, w2};
 #[cfg(all(feature = "vdb", feature = "cli"))]
 use workloads::stream;
+use workloads::{child, table as look_up, w1, w2};
 #[cfg(feature = "vdb")]
 use workloads::{filters, mesher, write};
 

@@ -214,7 +214,7 @@ fn across_rows(
             out[row] = *here;
             continue;
         }
-        let place = row / stride & 7;
+        let place = (row / stride) & 7;
         let other = row - place * stride;
         let mut sum = [0f32; 8];
         for at in middle + place - width..=middle + place + width {

@@ -204,7 +204,7 @@ fn wider(last: &Level, samples: [usize; 3]) -> Option<Level> {
         return None;
     }
     let step = [0, 1, 2].map(|a| {
-        let coarser = last.width >= 4 * last.stride[a] && last.count[a] % 2 == 0;
+        let coarser = last.width >= 4 * last.stride[a] && last.count[a].is_multiple_of(2);
         if coarser { 2 } else { 1 }
     });
     let count = [0, 1, 2].map(|a| last.count[a] / step[a]);

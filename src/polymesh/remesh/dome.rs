@@ -30,7 +30,7 @@ pub(super) fn dome(old: &Old, p: &[f64]) -> Made {
             .span(f)
             .flat_map(|c| {
                 let first = quarter + 3 * old.edge(c);
-                let forward = old.side(c) % 2 == 0;
+                let forward = old.side(c).is_multiple_of(2);
                 let [a, b] = if forward {
                     [first, first + 2]
                 } else {

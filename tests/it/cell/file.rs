@@ -35,11 +35,10 @@ proptest! {
         let n = text.len();
         text[at % n] = byte;
         text.truncate(n - cut % n.min(200));
-        if let Ok(text) = String::from_utf8(text) {
-            if let Err(e) = Cell::from_json(&text) {
+        if let Ok(text) = String::from_utf8(text)
+            && let Err(e) = Cell::from_json(&text) {
                 prop_assert!(!e.reason.is_empty());
             }
-        }
     }
 }
 

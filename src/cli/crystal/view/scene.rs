@@ -48,7 +48,7 @@ pub(super) fn pack(mesh: Option<&PolyMesh>, mut about: Value) -> Vec<u8> {
         });
     }
     let mut text = about.to_string();
-    while text.len() % 4 != 0 {
+    while !text.len().is_multiple_of(4) {
         text.push(' ');
     }
     let mut bytes = (text.len() as u32).to_le_bytes().to_vec();
