@@ -63,20 +63,6 @@ impl LevelSet {
         Ok(made?)
     }
 
-    /// The triangles of [`LevelSet::patch`].
-    ///
-    /// # Errors
-    /// As [`LevelSet::patch`].
-    pub fn triangles_of(
-        &self,
-        region: Region,
-        far: f64,
-        session: Session<'_>,
-    ) -> Result<TriMesh, VdbError> {
-        let patch = self.patch(region, far, session)?;
-        Ok(TriMesh::new(patch.vertices, patch.triangles)?)
-    }
-
     /// The zero set as quadrilaterals, counter-clockwise seen from outside, in world units: one for each
     /// edge of the voxel grid that changes sign. Closed and manifold, also where walls lie in planes of
     /// voxels: values of magnitude under 1e-4 voxel (more beyond 2,000 voxels, where `f32` is coarser)

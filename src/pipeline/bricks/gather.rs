@@ -7,7 +7,7 @@ use super::super::{Clock, Parts, Targets, output};
 use super::Yard;
 use super::measure::{MeshOut, measure, picture};
 use crate::band::LeafStore;
-use crate::io::StlStream;
+use crate::io::MeshStream;
 use crate::io::atomic::StagedPath;
 use crate::recipe::{Output, OutputKind};
 use crate::vdb::{LevelSet, stored_components};
@@ -32,7 +32,7 @@ pub(super) fn gather(
     for (output, path) in targets.of(OutputKind::Mesh) {
         let unit = output.unit_or_default(recipe.unit());
         meshes.push(MeshOut {
-            file: StlStream::create(path, unit)?,
+            file: MeshStream::create(path, unit)?,
             factor: recipe.unit().to(unit),
         });
     }

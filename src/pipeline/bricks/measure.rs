@@ -7,11 +7,12 @@ use super::later::part;
 use super::{Quiet, Yard};
 use crate::band::LeafStore;
 use crate::frame::{Aabb, Coord, Vec3};
-use crate::io::StlStream;
 use crate::io::atomic::write_bytes;
+use crate::io::{MeshPart, MeshStream};
 use crate::mesh::TriMesh;
+use crate::mesher::{Patch, Welder};
 use crate::recipe::Output;
-use crate::vdb::render_parts;
+use crate::vdb::{VdbError, render_parts};
 use std::path::Path;
 
 /// Voxels around a brick that are meshed with it.
@@ -28,7 +29,7 @@ pub(super) struct Measured {
 
 /// A mesh that is written while bricks pass, and the factor to its unit.
 pub(super) struct MeshOut {
-    pub file: StlStream,
+    pub file: MeshStream,
     pub factor: f64,
 }
 
@@ -46,26 +47,37 @@ pub(super) fn measure(
         bounds: Aabb::EMPTY,
         frame: Aabb::EMPTY,
     };
-    for brick in 0..count {
-        let (part, frame) = triangles(yard, store, brick)?;
+    let mut welder = Welder::default();
+    // Patches weld from the upper ones down.
+    for brick in (0..count).rev() {
+        let (patch, frame) = patch_of(yard, store, brick)?;
         found.frame = found.frame.union(frame);
+        let unmade = |e: VdbError| RunError::level_set("mesh")(e);
+        if !files.is_empty() {
+            let numbered = welder.weld(&patch).map_err(|e| unmade(e.into()))?;
+            for out in &mut *files {
+                out.file.add(MeshPart {
+                    vertices: &patch.vertices,
+                    owned: patch.owned,
+                    triangles: &patch.triangles,
+                    numbered: &numbered,
+                    factor: out.factor,
+                })?;
+            }
+        }
+        let part = TriMesh::new(patch.vertices, patch.triangles).map_err(|e| unmade(e.into()))?;
         // About the one origin: a part by itself is not closed.
         let signed = |[a, b, c]: [Vec3; 3]| a.dot(&b.cross(&c)) / 6.0;
         found.volume += part.iter_corners().map(signed).sum::<f64>();
         found.area += part.area();
         found.bounds = found.bounds.union(part.bounds());
-        for out in &mut *files {
-            for t in part.iter_corners() {
-                out.file.add(t.map(|v| v * out.factor))?;
-            }
-        }
         yard.progress.advance(1);
     }
     Ok(found)
 }
 
-/// The triangles of one brick and the box around the solid there, world units.
-fn triangles(yard: &Yard, store: &LeafStore, brick: usize) -> Result<(TriMesh, Aabb), RunError> {
+/// The mesh of one brick and the box around the solid there, world units.
+fn patch_of(yard: &Yard, store: &LeafStore, brick: usize) -> Result<(Patch, Aabb), RunError> {
     let region = yard.plan.region(brick);
     let grown = region.grown(LAYER);
     let quiet = Quiet(yard.progress);
@@ -75,7 +87,7 @@ fn triangles(yard: &Yard, store: &LeafStore, brick: usize) -> Result<(TriMesh, A
     let far = corners.flat_map(|c| c.0).map(i32::unsigned_abs).max();
     let far = f64::from(far.unwrap_or(0)) * bench.scale.voxel_size;
     let failed = RunError::level_set("mesh");
-    let mesh = solid.triangles_of(region, far, bench.session());
+    let mesh = solid.patch(region, far, bench.session());
     Ok((mesh.map_err(&failed)?, solid.bounds().map_err(&failed)?))
 }
 

@@ -138,15 +138,7 @@ pub(crate) fn refusal(recipe: &Recipe) -> Option<String> {
     for (n, output) in sections.output.iter().enumerate() {
         for (kind, path) in output.named() {
             let name = path.display();
-            let is_stl = path
-                .extension()
-                .is_some_and(|e| e.eq_ignore_ascii_case("stl"));
             match kind {
-                OutputKind::Mesh if !is_stl => {
-                    return Some(format!(
-                        "output.{n}, {name}: of the meshes only .stl is streamed"
-                    ));
-                }
                 OutputKind::Mesh if refined(output) => {
                     return Some(format!(
                         "output.{n}, {name}: only the triangles of the level set as they are are streamed"

@@ -13,7 +13,7 @@ use std::process::Command;
 
 /// A ball with a bite, across the origin where nodes of all sizes meet; 70 voxels a side.
 const SOLID: &str = "druse = 1\nunit = \"mm\"\n[band]\nvoxel_size = 0.2\n[[op]]\nunion = { sphere = { centre = [0.3, 0.1, 0], radius = 7 } }\n[[op]]\nsubtract = { sphere = { centre = [0.3, 0.1, 5], radius = 5 } }\n";
-const FILES: &str = "[[output]]\nvdb = \"a.vdb\"\n[[output]]\nvdb = \"half.vdb\"\nunit = \"mm\"\nhalf = true\n[[output]]\nmesh = \"a.stl\"\n";
+const FILES: &str = "[[output]]\nvdb = \"a.vdb\"\n[[output]]\nvdb = \"half.vdb\"\nunit = \"mm\"\nhalf = true\n[[output]]\nmesh = \"a.stl\"\n[[output]]\nmesh = \"a.ply\"\n[[output]]\nmesh = \"a.obj\"\nunit = \"cm\"\n[[output]]\nmesh = \"a.3mf\"\n";
 
 fn recipe(ops: &str) -> Recipe {
     Recipe::parse(&format!("{SOLID}{ops}{FILES}"), &[]).unwrap()
@@ -62,8 +62,18 @@ fn bricks_of_any_size_make_the_file_that_memory_makes() {
         let stl = druse::io::read_mesh(parts.join("a.stl")).unwrap().mesh;
         let checked = mesh::check(&stl);
         assert!(checked.is_sound(), "seams of the mesh");
-        let count = |p: &Path| std::fs::metadata(p.join("a.stl")).unwrap().len();
-        assert_eq!(count(&whole), count(&parts));
+        for name in ["a.stl", "a.ply", "a.obj", "a.3mf"] {
+            let read = |p: &Path| druse::io::read_mesh(p.join(name)).unwrap().mesh;
+            let (whole, parts) = (read(&whole), read(&parts));
+            assert_eq!(whole.triangles().len(), parts.triangles().len(), "{name}");
+            assert_eq!(whole.vertices().len(), parts.vertices().len(), "{name}");
+            assert!(
+                (whole.volume() / parts.volume() - 1.0).abs() < 1e-6,
+                "{name}"
+            );
+        }
+        let shared = druse::io::read_mesh(parts.join("a.ply")).unwrap().mesh;
+        assert!(mesh::check(&shared).is_sound(), "seams that share vertices");
         // Nothing but the outputs stays.
         let hidden = std::fs::read_dir(&parts).unwrap();
         let names = hidden.map(|e| e.unwrap().file_name().into_string().unwrap());
@@ -233,7 +243,7 @@ fn what_cannot_go_through_bricks_says_why() {
         assert!(error.to_string().contains(wanted), "{error}");
     };
     refused("[[op]]\nresample = { voxel_size = 0.3 }\n", "op.2.resample");
-    refused("[[output]]\nmesh = \"a.obj\"\n", "a.obj");
+    refused("[[output]]\nmesh = \"b.obj\"\nquads = true\n", "b.obj");
     let tight = RunOptions {
         memory: Some(32 << 20),
         ..options(directory.path(), None, 1)
