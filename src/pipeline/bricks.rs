@@ -36,7 +36,7 @@ mod reach;
 pub use farm::{brick_plan, make_bricks, merge_bricks};
 pub use plan::BrickPlan;
 
-use budget::{check_disk, edge_that_fits};
+use budget::{check_disk, edge_that_fits, leaf_bytes};
 use directory::{Lock, clear, directory_beside, make_directory, size_of};
 use gather::gather;
 use plan::layout;
@@ -277,6 +277,15 @@ pub(super) fn decide(
         (None, Some(_)) => (estimate::counts(stock, threads, progress)?, u64::MAX),
     };
     let found = lay_out(stock, threads, &counts, (budget, options.bricks))?;
+    // Before all blocks are listed: of a part without measure that takes as long as the part.
+    let directory = directory_beside(stock.recipe, options.out.as_deref());
+    let there = directory.ancestors().find(|d| d.is_dir());
+    if let Some(Err(full)) = there.map(|d| check_disk(d, leaf_bytes(&counts) as u64)) {
+        let reason = format!("nor is there room for its bricks: {full}");
+        return Err(estimate::shortage_error(
+            stock, threads, &counts, budget, reason,
+        ));
+    }
     layout(stock, &found, &counts, threads, progress).map(Some)
 }
 

@@ -123,7 +123,7 @@ fn operations_see_as_far_as_they_reach() {
 }
 
 #[test]
-fn masks_and_other_meshes_act_in_bricks() {
+fn other_meshes_act_in_bricks_and_masks_are_refused() {
     let directory = tempfile::tempdir().unwrap();
     let fog = "[[output]]\nvdb = \"fog.vdb\"\ngrids = [\"density\"]\nunit = \"mm\"\n[[output]]\nmesh = \"a.stl\"\n";
     let text = format!("{}{fog}", SOLID.replace("radius = 7", "radius = 6"));
@@ -132,13 +132,19 @@ fn masks_and_other_meshes_act_in_bricks() {
     let at = directory.path().display();
     let mask = format!("mask = {{ path = \"{at}/fog.vdb\", unit = \"mm\", invert = true }}");
     let ops = format!(
-        "[[op]]\ndilate = {{ distance = 0.4, {mask} }}\n[[op]]\nmean = {{ width = 1, {mask} }}\n[[op]]\nunion = {{ mesh = {{ path = \"{at}/a.stl\", unit = \"mm\", transform = {{ translate = [4, 0, 0] }} }} }}\n"
+        "[[op]]\ngaussian = 1\n[[op]]\nunion = {{ mesh = {{ path = \"{at}/a.stl\", unit = \"mm\", transform = {{ translate = [4, 0, 0] }} }} }}\n"
     );
     let recipe = recipe(&ops);
     let out = directory.path().join("out");
     let one = run(&recipe, &options(&out, None, 2), &Silent).unwrap();
     let two = run(&recipe, &options(&out, Some(1), 2), &Silent).unwrap();
     assert_eq!(hashes(&one), hashes(&two));
+    let masked = super::runs::recipe(&format!("[[op]]\nmean = {{ width = 1, {mask} }}\n"));
+    let error = run(&masked, &options(&out, Some(1), 2), &Silent).unwrap_err();
+    assert!(
+        error.to_string().contains("op.2.mean has a mask"),
+        "{error}"
+    );
 }
 
 #[test]
