@@ -172,6 +172,26 @@ pub trait Field: Send + Sync {
         self.fill(lattice, out);
         lattice.len() as u64
     }
+
+    /// Where values on a lattice are negative, into `negative` of length `lattice.len()`: for fields
+    /// that know a sign sooner than a value. Returns at how many points the field was looked at.
+    fn signs(&self, lattice: &SampleLattice<Self::Point>, negative: &mut [bool]) -> u64 {
+        signs_of_values(self, lattice, negative)
+    }
+}
+
+/// [`Field::signs`] of a field that does not know them sooner.
+pub(crate) fn signs_of_values<F: Field + ?Sized>(
+    field: &F,
+    lattice: &SampleLattice<F::Point>,
+    negative: &mut [bool],
+) -> u64 {
+    let mut values = vec![0.0; negative.len()];
+    let looked = field.fill_counting(lattice, &mut values);
+    for (negative, v) in negative.iter_mut().zip(values) {
+        *negative = v < 0.0;
+    }
+    looked
 }
 
 /// A field in world space, as the band sees it.

@@ -1,4 +1,4 @@
-//! Eight single-precision numbers at a time, on whatever processor there is.
+//! Eight single-precision numbers at a time, or four of double precision, on whatever processor there is.
 //!
 //! A [`Work`] is written once, over [`Lanes`], and compiled twice: for processors with AVX2 and fused
 //! multiplications, which are recognised when the program runs, and for any processor of its kind. The
@@ -7,17 +7,26 @@
 // Small functions of hot paths, which must be compiled for the processor that their caller is for.
 #![allow(clippy::inline_always)]
 
-use std::sync::OnceLock;
+#[cfg(target_arch = "x86_64")]
+mod fast;
+mod plain;
+pub use plain::Plain;
+
 use std::sync::atomic::{AtomicBool, Ordering};
-use wide::f32x8;
 
 #[cfg(target_arch = "x86_64")]
-use pulp::{NullaryFnOnce, Simd, x86::V3};
+use {
+    fast::Wide,
+    pulp::{NullaryFnOnce, x86::V3},
+    std::sync::OnceLock,
+};
 
-/// Arithmetic on eight numbers.
+/// Arithmetic on rows of eight singles and of four doubles.
 pub trait Lanes: Copy {
     /// Eight numbers.
     type F: Copy;
+    /// Four doubles.
+    type D: Copy;
     /// The same number eight times.
     fn splat(self, v: f32) -> Self::F;
     /// Eight numbers from memory.
@@ -46,139 +55,31 @@ pub trait Lanes: Copy {
     fn below(self, a: Self::F, b: Self::F) -> u8;
     /// x where a < b, else y.
     fn select_below(self, a: Self::F, b: Self::F, x: Self::F, y: Self::F) -> Self::F;
-}
+    /// The sum of each of four rows.
+    fn sums(self, rows: [Self::F; 4]) -> [f32; 4];
 
-/// Any processor.
-#[derive(Clone, Copy)]
-pub struct Plain;
-
-impl Lanes for Plain {
-    type F = f32x8;
-    #[inline(always)]
-    fn splat(self, v: f32) -> f32x8 {
-        f32x8::splat(v)
-    }
-    #[inline(always)]
-    fn load(self, v: &[f32; 8]) -> f32x8 {
-        f32x8::new(*v)
-    }
-    #[inline(always)]
-    fn store(self, v: f32x8, to: &mut [f32; 8]) {
-        *to = v.to_array();
-    }
-    #[inline(always)]
-    fn add(self, a: f32x8, b: f32x8) -> f32x8 {
-        a + b
-    }
-    #[inline(always)]
-    fn sub(self, a: f32x8, b: f32x8) -> f32x8 {
-        a - b
-    }
-    #[inline(always)]
-    fn mul(self, a: f32x8, b: f32x8) -> f32x8 {
-        a * b
-    }
-    #[inline(always)]
-    fn div(self, a: f32x8, b: f32x8) -> f32x8 {
-        a / b
-    }
-    #[inline(always)]
-    fn fused(self, a: f32x8, b: f32x8, c: f32x8) -> f32x8 {
-        a * b + c
-    }
-    #[inline(always)]
-    fn sqrt(self, a: f32x8) -> f32x8 {
-        a.sqrt()
-    }
-    #[inline(always)]
-    fn min(self, a: f32x8, b: f32x8) -> f32x8 {
-        a.fast_min(b)
-    }
-    #[inline(always)]
-    fn max(self, a: f32x8, b: f32x8) -> f32x8 {
-        a.fast_max(b)
-    }
-    #[inline(always)]
-    fn magnitude(self, a: f32x8) -> f32x8 {
-        a.abs()
-    }
-    #[inline(always)]
-    fn below(self, a: f32x8, b: f32x8) -> u8 {
-        a.simd_lt(b).to_bitmask() as u8
-    }
-    #[inline(always)]
-    fn select_below(self, a: f32x8, b: f32x8, x: f32x8, y: f32x8) -> f32x8 {
-        a.simd_lt(b).bitselect(x, y)
-    }
-}
-
-/// Processors with AVX2 and fused multiplications.
-#[cfg(target_arch = "x86_64")]
-#[derive(Clone, Copy)]
-pub struct Wide(V3);
-
-#[cfg(target_arch = "x86_64")]
-impl Lanes for Wide {
-    type F = pulp::f32x8;
-    #[inline(always)]
-    fn splat(self, v: f32) -> Self::F {
-        self.0.splat_f32s(v)
-    }
-    #[inline(always)]
-    fn load(self, v: &[f32; 8]) -> Self::F {
-        pulp::cast(*v)
-    }
-    #[inline(always)]
-    fn store(self, v: Self::F, to: &mut [f32; 8]) {
-        *to = pulp::cast(v);
-    }
-    #[inline(always)]
-    fn add(self, a: Self::F, b: Self::F) -> Self::F {
-        self.0.add_f32s(a, b)
-    }
-    #[inline(always)]
-    fn sub(self, a: Self::F, b: Self::F) -> Self::F {
-        self.0.sub_f32s(a, b)
-    }
-    #[inline(always)]
-    fn mul(self, a: Self::F, b: Self::F) -> Self::F {
-        self.0.mul_f32s(a, b)
-    }
-    #[inline(always)]
-    fn div(self, a: Self::F, b: Self::F) -> Self::F {
-        self.0.div_f32s(a, b)
-    }
-    #[inline(always)]
-    fn fused(self, a: Self::F, b: Self::F, c: Self::F) -> Self::F {
-        self.0.mul_add_f32s(a, b, c)
-    }
-    #[inline(always)]
-    fn sqrt(self, a: Self::F) -> Self::F {
-        self.0.sqrt_f32s(a)
-    }
-    #[inline(always)]
-    fn min(self, a: Self::F, b: Self::F) -> Self::F {
-        self.0.min_f32s(a, b)
-    }
-    #[inline(always)]
-    fn max(self, a: Self::F, b: Self::F) -> Self::F {
-        self.0.max_f32s(a, b)
-    }
-    #[inline(always)]
-    fn magnitude(self, a: Self::F) -> Self::F {
-        // One instruction more than clearing the sign, but surely inlined.
-        self.max(a, self.sub(self.splat(0.0), a))
-    }
-    #[inline(always)]
-    fn below(self, a: Self::F, b: Self::F) -> u8 {
-        let mask = self.0.less_than_f32s(a, b);
-        self.0.avx._mm256_movemask_ps(pulp::cast(mask)) as u8
-    }
-    #[inline(always)]
-    fn select_below(self, a: Self::F, b: Self::F, x: Self::F, y: Self::F) -> Self::F {
-        let mask = self.0.less_than_f32s(a, b);
-        self.0.select_f32s(mask, x, y)
-    }
+    /// Four doubles from memory.
+    fn four(self, v: [f64; 4]) -> Self::D;
+    /// The same double four times.
+    fn all_four(self, v: f64) -> Self::D;
+    /// a + b.
+    fn add_four(self, a: Self::D, b: Self::D) -> Self::D;
+    /// a - b.
+    fn sub_four(self, a: Self::D, b: Self::D) -> Self::D;
+    /// a b.
+    fn mul_four(self, a: Self::D, b: Self::D) -> Self::D;
+    /// The lesser.
+    fn min_four(self, a: Self::D, b: Self::D) -> Self::D;
+    /// The greater.
+    fn max_four(self, a: Self::D, b: Self::D) -> Self::D;
+    /// The greatest integers not above.
+    fn floor_four(self, v: Self::D) -> Self::D;
+    /// 1 or -1, with the sign.
+    fn sign_four(self, v: Self::D) -> Self::D;
+    /// In single precision.
+    fn singles(self, v: Self::D) -> [f32; 4];
+    /// Of doubles that are integers.
+    fn integers(self, v: Self::D) -> [i32; 4];
 }
 
 /// Something to be done on eight numbers at a time.
@@ -214,15 +115,31 @@ impl<W: Work> NullaryFnOnce for OnWide<W> {
     }
 }
 
+/// The processor's AVX2 and fused multiplications, if it has them.
+#[cfg(target_arch = "x86_64")]
+#[inline]
+fn fast() -> Option<V3> {
+    static FOUND: OnceLock<Option<V3>> = OnceLock::new();
+    *FOUND.get_or_init(V3::try_new)
+}
+
 /// Does a work the fastest way that the processor knows.
 #[inline]
 pub fn run<W: Work>(work: W) -> W::Output {
     #[cfg(target_arch = "x86_64")]
-    {
-        static FOUND: OnceLock<Option<V3>> = OnceLock::new();
-        if let (Some(v3), false) = (*FOUND.get_or_init(V3::try_new), is_portable()) {
-            return v3.vectorize(OnWide(work, v3));
-        }
+    if let (Some(v3), false) = (fast(), is_portable()) {
+        return v3.vectorize(OnWide(work, v3));
     }
     work.run(Plain)
+}
+
+/// Runs ordinary arithmetic, all of it inlined into `work`, on the widest registers that the processor
+/// has. Nothing is fused, so that the results are the same bits everywhere.
+#[inline]
+pub fn widely(work: impl FnOnce()) {
+    #[cfg(target_arch = "x86_64")]
+    if let Some(v3) = fast() {
+        return v3.vectorize(work);
+    }
+    work();
 }

@@ -23,7 +23,7 @@
 //! cell's table rounds to `f32` it rounds alike in all elements.
 
 use crate::cell::Table;
-use crate::field::{Field, Interval, SampleLattice};
+use crate::field::{Field, Interval, SampleLattice, signs_of_values};
 use crate::frame::{Aabb, CellPoint, Vec3, WorldPoint};
 use crate::mesh::MeshSolid;
 use crate::scaffold::Scaffold;
@@ -440,6 +440,13 @@ impl<F: Filling> Field for TiledSolid<'_, F> {
                 lattice.len() as u64
             }
             None => self.fill_all(lattice, out),
+        }
+    }
+
+    fn signs(&self, lattice: &SampleLattice<WorldPoint>, negative: &mut [bool]) -> u64 {
+        match &self.aligned {
+            Some(aligned) if aligned.signs(lattice, negative) => lattice.len() as u64,
+            _ => signs_of_values(self, lattice, negative),
         }
     }
 }

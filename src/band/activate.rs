@@ -75,11 +75,18 @@ impl Neighbourhood {
         let [(x0, i0, nx), (y0, j0, ny), (z0, k0, nz)] = direction.map(|d| OVERLAP[d]);
         let some = ((1u16 << nz) - 1) << k0;
         for x in 0..nx {
-            for y in 0..ny {
-                let row = (negative[x0 + x] >> (8 * (y0 + y))) as u8;
-                let row = u16::from(row) >> z0 << k0 & some;
-                self.negative[i0 + x][j0 + y] |= row;
-                self.positive[i0 + x][j0 + y] |= !row & some;
+            let rows = negative[x0 + x].to_le_bytes();
+            let slab = (&mut self.negative[i0 + x], &mut self.positive[i0 + x]);
+            let mut enter = |y: usize, j: usize| {
+                let row = u16::from(rows[y]) >> z0 << k0 & some;
+                slab.0[j] |= row;
+                slab.1[j] |= !row & some;
+            };
+            // A loop of known length becomes wide instructions.
+            if ny == 8 {
+                (0..8).for_each(|y| enter(y, y + 1));
+            } else {
+                enter(y0, j0);
             }
         }
     }
@@ -99,26 +106,31 @@ impl Neighbourhood {
         let [wide_negative, wide_positive] = [&self.negative, &self.positive].map(widen);
         let mut words = [0; 8];
         for x in 0..8 {
+            let mut rows = [0; 8];
             for y in 0..8 {
                 let row = self.negative[x + 1][y + 1] & wide_positive[x][y]
                     | self.positive[x + 1][y + 1] & wide_negative[x][y];
-                words[x] |= u64::from((row >> 1) as u8) << (8 * y);
+                rows[y] = (row >> 1) as u8;
             }
+            words[x] = u64::from_le_bytes(rows);
         }
         words
     }
 }
 
-/// Rows of the inner 8^2 in which a bit is set if any of its 27 is.
+/// Rows of the inner 8^2 in which a bit is set if any of its 27 is: spread along z, y and x in turn.
 fn widen(rows: &[[u16; SPAN]; SPAN]) -> [[u16; 8]; 8] {
+    let mut slabs = [[0; 8]; SPAN];
+    for (slab, rows) in slabs.iter_mut().zip(rows) {
+        let along_z = rows.map(|r| r | r << 1 | r >> 1);
+        for y in 0..8 {
+            slab[y] = along_z[y] | along_z[y + 1] | along_z[y + 2];
+        }
+    }
     let mut wide = [[0; 8]; 8];
     for x in 0..8 {
         for y in 0..8 {
-            let any = rows[x..x + 3]
-                .iter()
-                .flat_map(|r| &r[y..y + 3])
-                .fold(0, |a, b| a | b);
-            wide[x][y] = any | any << 1 | any >> 1;
+            wide[x][y] = slabs[x][y] | slabs[x + 1][y] | slabs[x + 2][y];
         }
     }
     wide

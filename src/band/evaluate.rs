@@ -236,12 +236,15 @@ impl BlockSamples {
         }
         let leaf = self.origins[n];
         let mut near = Neighbourhood::default();
+        let own = [0, 1, 2].map(|a| (leaf[a] - self.origin[a]) / LEAF);
         for d in 0..27usize {
             let direction = [d / 9, d / 3 % 3, d % 3];
-            let [x, y, z] = direction.map(|i| (i as i32 - 1) * LEAF);
-            if let Some(place) = self.place(leaf.offset(x, y, z))
-                && let Some(bits) = self.bits.get(self.table[place] as usize)
-            {
+            let [x, y, z] = [0, 1, 2].map(|a| own[a] + direction[a] as i32 - 1);
+            if [x, y, z].iter().any(|c| !(0..EDGE).contains(c)) {
+                continue;
+            }
+            let number = self.table[((x * EDGE + y) * EDGE + z) as usize];
+            if let Some(bits) = self.bits.get(number as usize) {
                 near.enter_leaf(direction, &bits.negative);
             }
         }
@@ -294,16 +297,16 @@ fn enter_layer(
         step: h,
         counts,
     };
-    let mut values = [0.0; SPAN * SPAN];
-    let looked = culler.field.fill_counting(&lattice, &mut values);
-    for (n, &v) in values.iter().enumerate() {
+    let mut negative = [false; SPAN * SPAN];
+    let looked = culler.field.signs(&lattice, &mut negative);
+    for (n, &is_negative) in negative.iter().enumerate() {
         let mut i = [
             n / (counts[1] * counts[2]),
             n / counts[2] % counts[1],
             n % counts[2],
         ];
         i[axis] = (outside + 1) as usize;
-        near.enter_sample(i, v < 0.0);
+        near.enter_sample(i, is_negative);
     }
     looked
 }

@@ -49,13 +49,13 @@
 //! ```
 
 use crate::frame::Coord;
+use crate::lanes::widely;
 use crate::progress::{Cancelled, Progress};
 use rayon::prelude::*;
 
 mod kernel;
 mod pool;
 
-use kernel::Wide;
 use pool::Pool;
 
 /// Leaves that one thread takes at a time, between two looks at whether the user asked to stop.
@@ -72,7 +72,6 @@ pub struct Smoother {
     pool: Pool,
     voxel_size: f32,
     background: f32,
-    wide: Wide,
 }
 
 /// A leaf of 8^3 voxels, laid out as in [`LeafBatch`](super::LeafBatch).
@@ -100,7 +99,6 @@ impl Smoother {
             pool: Pool::new(count, leaf, background),
             voxel_size: voxel_size as f32,
             background,
-            wide: Wide::default(),
         }
     }
 
@@ -123,8 +121,8 @@ impl Smoother {
     pub fn mean(&mut self, width: u32, progress: &dyn Progress) -> Result<(), Cancelled> {
         let width = width.max(1) as usize;
         for axis in BOX_ORDER {
-            self.pass(progress, |wide, pool, range, out| {
-                wide.run(
+            self.pass(progress, |pool, range, out| {
+                widely(
                     #[inline(always)]
                     || kernel::box_mean(pool, axis, width, range, out),
                 );
@@ -146,8 +144,8 @@ impl Smoother {
     /// # Errors
     /// As [`Smoother::mean`].
     pub fn laplacian(&mut self, progress: &dyn Progress) -> Result<(), Cancelled> {
-        self.pass(progress, |wide, pool, range, out| {
-            wide.run(
+        self.pass(progress, |pool, range, out| {
+            widely(
                 #[inline(always)]
                 || kernel::stencil(pool, range, out, kernel::laplacian_step),
             );
@@ -166,8 +164,8 @@ impl Smoother {
         self.pool.dilate();
         let (dt, per_voxel) = (self.voxel_size * TIME_STEP, 1.0 / self.voxel_size);
         for _ in 0..STEPS {
-            self.pass(progress, |wide, pool, range, out| {
-                wide.run(
+            self.pass(progress, |pool, range, out| {
+                widely(
                     #[inline(always)]
                     || {
                         kernel::stencil(pool, range, out, |slab, new| {
@@ -185,10 +183,10 @@ impl Smoother {
     fn pass(
         &mut self,
         progress: &dyn Progress,
-        work: impl Fn(Wide, &Pool, usize, &mut [pool::Values]) + Sync,
+        work: impl Fn(&Pool, usize, &mut [pool::Values]) + Sync,
     ) -> Result<(), Cancelled> {
         let mut spare = std::mem::take(&mut self.pool.spare);
-        let (pool, wide) = (&self.pool, self.wide);
+        let pool = &self.pool;
         let done = spare
             .par_chunks_mut(CHUNK)
             .enumerate()
@@ -196,7 +194,7 @@ impl Smoother {
                 if progress.cancelled() {
                     return Err(Cancelled);
                 }
-                work(wide, pool, chunk * CHUNK, out);
+                work(pool, chunk * CHUNK, out);
                 Ok(())
             });
         self.pool.spare = spare;
@@ -206,7 +204,7 @@ impl Smoother {
 
     /// Voxels at or beyond the background leave the band; a leaf without any is of one sign.
     fn trim(&mut self) {
-        let (background, wide) = (self.background, self.wide);
+        let background = self.background;
         let Pool {
             values,
             spare,
@@ -218,7 +216,7 @@ impl Smoother {
             .zip(spare.par_chunks_mut(CHUNK))
             .zip(masks.par_chunks_mut(CHUNK))
             .for_each(|((values, spare), masks)| {
-                wide.run(
+                widely(
                     #[inline(always)]
                     || {
                         for ((values, spare), mask) in values.iter_mut().zip(spare).zip(masks) {

@@ -337,6 +337,40 @@ impl Products {
                 sum = l.fused(l.splat(rows[k][y]), z[k], sum);
             }
         }
+        self.solid_of(l, sum)
+    }
+
+    /// Values at eight places along axis `along`, at one place of both others (that of `at[along]` does
+    /// not matter): of 16 places along each axis `tables` holds the functions by eights.
+    #[inline(always)]
+    pub fn line<L: Lanes>(
+        &self,
+        l: L,
+        along: usize,
+        tables: &[[Along<[f32; 8]>; 2]; 3],
+        at: [usize; 3],
+        half: usize,
+    ) -> L::F {
+        let mut factors = [0.0; FUNCTIONS];
+        for p in &self.terms {
+            let mut factor = p.factor;
+            for axis in 0..3 {
+                if axis != along {
+                    factor *= tables[axis][at[axis] >> 3][p.functions[axis]][at[axis] & 7];
+                }
+            }
+            factors[p.functions[along]] += factor;
+        }
+        let mut sum = l.splat(factors[0]);
+        for n in 1..FUNCTIONS {
+            sum = l.fused(l.splat(factors[n]), l.load(&tables[along][half][n]), sum);
+        }
+        self.solid_of(l, sum)
+    }
+
+    /// The solid's field from the sum.
+    #[inline(always)]
+    fn solid_of<L: Lanes>(&self, l: L, sum: L::F) -> L::F {
         match self.solid {
             Solid::Below | Solid::Above => sum,
             Solid::Sheet => l.sub(l.magnitude(sum), l.splat(self.half as f32)),

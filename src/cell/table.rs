@@ -25,7 +25,6 @@ use crate::frame::{CellBox, CellPoint, Element, Vec3};
 
 mod build;
 mod grid;
-mod lanes;
 mod leaf;
 mod pyramid;
 mod spline;

@@ -37,7 +37,7 @@ pub use farm::{brick_plan, make_bricks, merge_bricks};
 pub use plan::BrickPlan;
 
 use budget::{check_disk, edge_that_fits, leaf_bytes};
-use directory::{Lock, clear, directory_beside, make_directory, size_of};
+use directory::{Lock, clear, directory_beside, existing, make_directory, size_of};
 use gather::gather;
 use plan::layout;
 use reach::{Pass, passes, reach, refusal, widest};
@@ -271,6 +271,7 @@ pub(super) fn decide(
     progress: &dyn Progress,
 ) -> Result<Option<BrickPlan>, RunError> {
     let short = estimate::shortage(stock, threads, options.memory, progress)?;
+    let is_short = short.is_some();
     let (counts, budget) = match (short, options.bricks) {
         (None, None) => return Ok(None),
         (Some(short), _) => (short.counts, short.available),
@@ -279,8 +280,10 @@ pub(super) fn decide(
     let found = lay_out(stock, threads, &counts, (budget, options.bricks))?;
     // Before all blocks are listed: of a part without measure that takes as long as the part.
     let directory = directory_beside(stock.recipe, options.out.as_deref());
-    let there = directory.ancestors().find(|d| d.is_dir());
-    if let Some(Err(full)) = there.map(|d| check_disk(d, leaf_bytes(&counts) as u64)) {
+    if let Err(full) = check_disk(existing(&directory), leaf_bytes(&counts) as u64) {
+        if !is_short {
+            return Err(full);
+        }
         let reason = format!("nor is there room for its bricks: {full}");
         return Err(estimate::shortage_error(
             stock, threads, &counts, budget, reason,

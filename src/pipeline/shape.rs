@@ -327,6 +327,17 @@ impl Field for Shifted<'_> {
         self.field
             .fill_counting(&crate::field::SampleLattice { origin, ..*lattice }, out)
     }
+    fn signs(
+        &self,
+        lattice: &crate::field::SampleLattice<Self::Point>,
+        negative: &mut [bool],
+    ) -> u64 {
+        let origin = crate::frame::WorldPoint(lattice.origin.0 + self.by);
+        self.field.signs(
+            &crate::field::SampleLattice { origin, ..*lattice },
+            negative,
+        )
+    }
 }
 
 /// A field that somebody else owns.
@@ -352,5 +363,8 @@ impl<F: Field> Field for Borrowed<'_, F> {
         out: &mut [f32],
     ) -> u64 {
         self.0.fill_counting(lattice, out)
+    }
+    fn signs(&self, lattice: &crate::field::SampleLattice<F::Point>, negative: &mut [bool]) -> u64 {
+        self.0.signs(lattice, negative)
     }
 }

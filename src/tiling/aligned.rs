@@ -18,7 +18,7 @@ use crate::lanes;
 use crate::scaffold::Scaffold;
 
 mod kernel;
-use kernel::{EVERY, LeafWork, Nodes, Places, RowWork, Rule};
+use kernel::{EVERY, LeafWork, Nodes, Periods, RowWork, Rows, Rule, SignWork, WIDEST};
 
 /// Root mean square, in voxels, by which interpolated slopes may change distances in the band.
 const TOLERANCE: f64 = 0.0025;
@@ -34,10 +34,7 @@ const DAMPING: f64 = 0.05;
 /// A box of equal hexes with one function in it.
 pub(super) struct Aligned {
     products: Products,
-    room: Aabb,
-    /// Where the reference coordinates are 0, and their units.
-    centre: Vec3,
-    size: Vec3,
+    periods: Periods,
     options: TilingOptions,
     slope_sup: f64,
     slope_rms: f64,
@@ -72,9 +69,11 @@ impl Aligned {
         };
         let mut aligned = Self {
             products: products.clone(),
-            room,
-            centre,
-            size,
+            periods: Periods {
+                centre,
+                rate: size.map(f64::recip),
+                room,
+            },
             options,
             slope_sup,
             slope_rms,
@@ -100,10 +99,16 @@ impl Aligned {
         for n in 0..TRIALS {
             // Spread evenly over a period.
             let spread = Vec3::new(0.819_172_5, 0.671_043_6, 0.549_700_5) * f64::from(n);
-            let origin = self.centre + spread.map(f64::fract).component_mul(&self.size);
+            let periods = &self.periods;
+            let origin = periods.centre + spread.map(f64::fract).component_div(&periods.rate);
             let [exact, close] = [&every, nodes].map(|nodes| {
                 let mut values = [[0.0; 8]; 64];
-                self.fill_leaf(nodes, origin, h, false, &mut values);
+                let rows = Rows {
+                    origin,
+                    step: h,
+                    clamp: false,
+                };
+                self.fill_leaf(nodes, rows, &mut values);
                 values
             });
             for (a, b) in exact.as_flattened().iter().zip(close.as_flattened()) {
@@ -118,49 +123,14 @@ impl Aligned {
         squares <= TOLERANCE * TOLERANCE * f64::from(count) && most <= MOST
     }
 
-    /// Part of a period, -1/2 to 1/2, of a coordinate along an axis, clamped to the box.
-    fn part(&self, axis: usize, x: f64, clamp: bool) -> f32 {
-        let x = if clamp {
-            x.clamp(self.room.min[axis], self.room.max[axis])
-        } else {
-            x
-        };
-        let u = (x - self.centre[axis]) / self.size[axis];
-        (u - (u + 0.5).floor()) as f32
-    }
-
-    fn places(&self, origin: Vec3, step: f64, nodes: &[f64], clamp: bool) -> Places {
-        let mut places = [[0.0; 8]; 3];
-        for (axis, parts) in places.iter_mut().enumerate() {
-            for (n, part) in parts.iter_mut().enumerate() {
-                let along = nodes[n.min(nodes.len() - 1)];
-                *part = self.part(axis, origin[axis] + step * along, clamp);
-            }
-        }
-        places
-    }
-
     /// Distances to the zero set of F at 8^3 samples; the box not regarded.
-    fn fill_leaf(
-        &self,
-        nodes: &Nodes,
-        origin: Vec3,
-        step: f64,
-        clamp: bool,
-        out: &mut [[f32; 8]; 64],
-    ) {
-        const EACH: [f64; 8] = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0];
-        let between = if nodes.count == EVERY {
-            [[0.0; 8]; 3]
-        } else {
-            self.places(origin, step, &nodes.places, clamp)
-        };
+    fn fill_leaf(&self, nodes: &Nodes, rows: Rows, out: &mut [[f32; 8]; 64]) {
         lanes::run(LeafWork {
             products: &self.products,
+            periods: &self.periods,
             rule: &self.rule,
             nodes,
-            samples: self.places(origin, step, &EACH, clamp),
-            between,
+            rows,
             out,
         });
     }
@@ -171,7 +141,7 @@ impl Aligned {
 
     /// How far outside the box a coordinate lies; 0 in its faces, rounding or not.
     fn beyond(&self, axis: usize, x: f64) -> f64 {
-        let d = (self.room.min[axis] - x).max(x - self.room.max[axis]);
+        let d = (self.periods.room.min[axis] - x).max(x - self.periods.room.max[axis]);
         if d.abs() < 1e-6 * self.options.voxel_size {
             0.0
         } else {
@@ -188,7 +158,7 @@ impl Aligned {
     /// The distance at a point, in double precision.
     pub fn value(&self, x: Vec3) -> f64 {
         let w = self.options.half_width;
-        let d = self.distance(x.sup(&self.room.min).inf(&self.room.max));
+        let d = self.distance(x.sup(&self.periods.room.min).inf(&self.periods.room.max));
         if self.is_cut() {
             d.max(self.to_box(x)).min(w)
         } else {
@@ -196,11 +166,16 @@ impl Aligned {
         }
     }
 
+    /// Reference coordinates, over all periods.
+    fn reference(&self, x: Vec3) -> Vec3 {
+        (x - self.periods.centre).component_mul(&self.periods.rate)
+    }
+
     /// Value of F and its gradient in world space.
     fn slope(&self, x: Vec3) -> (f64, Vec3) {
-        let u = (x - self.centre).component_div(&self.size);
+        let u = self.reference(x);
         let (f, g) = self.products.value_and_gradient(u);
-        (f, g.component_div(&self.size))
+        (f, g.component_mul(&self.periods.rate))
     }
 
     /// Rule Q with one function.
@@ -226,10 +201,10 @@ impl Aligned {
     /// Contains every value in a box.
     pub fn bound(&self, region: &Aabb) -> Interval {
         let w = self.options.half_width;
-        let inside = |v: Vec3| v.sup(&self.room.min).inf(&self.room.max);
+        let inside = |v: Vec3| v.sup(&self.periods.room.min).inf(&self.periods.room.max);
         let (min, max) = (inside(region.min), inside(region.max));
-        let centre = ((min + max) / 2.0 - self.centre).component_div(&self.size);
-        let half = ((max - min) / 2.0).component_div(&self.size);
+        let centre = self.reference((min + max) / 2.0);
+        let half = ((max - min) / 2.0).component_mul(&self.periods.rate);
         let (lo, hi) = self.products.bound(centre, half);
         // The scale is at least 1 / L, the interpolated one but for its error.
         let slack = match self.nodes.count {
@@ -262,8 +237,8 @@ impl Aligned {
         let (at, reach) = (self.to_box(region.centre().0), region.half_diagonal());
         let mut high = f64::NEG_INFINITY;
         for axis in 0..3 {
-            let far = (self.room.min[axis] - region.min[axis])
-                .max(region.max[axis] - self.room.max[axis]);
+            let far = (self.periods.room.min[axis] - region.min[axis])
+                .max(region.max[axis] - self.periods.room.max[axis]);
             high = high.max(far);
         }
         // Inside the box D is the greatest of six distances to planes.
@@ -279,19 +254,14 @@ impl Aligned {
         let span = lattice.span();
         let w = self.options.half_width;
         let (least, greatest) = self.box_range(&span);
-        let clamp = greatest > 0.0;
-        if lattice.counts == [8; 3] {
-            let mut values = [[0.0; 8]; 64];
-            self.fill_leaf(
-                &self.nodes,
-                lattice.origin.0,
-                lattice.step,
-                clamp,
-                &mut values,
-            );
-            out.copy_from_slice(values.as_flattened());
-        } else {
-            self.fill_rows(lattice, clamp, out);
+        let rows = Rows {
+            origin: lattice.origin.0,
+            step: lattice.step,
+            clamp: greatest > 0.0,
+        };
+        match out.as_chunks_mut::<8>().0.first_chunk_mut() {
+            Some(leaf) if lattice.counts == [8; 3] => self.fill_leaf(&self.nodes, rows, leaf),
+            _ => self.fill_rows(lattice, rows, out),
         }
         if self.is_cut() && greatest > -w {
             if least >= w {
@@ -303,20 +273,19 @@ impl Aligned {
     }
 
     /// Distances to the zero set of F on any lattice, in pieces of rows.
-    fn fill_rows(&self, lattice: &SampleLattice<WorldPoint>, clamp: bool, out: &mut [f32]) {
+    fn fill_rows(&self, lattice: &SampleLattice<WorldPoint>, rows: Rows, out: &mut [f32]) {
         let depth = lattice.counts[2];
         for (row, values) in out.chunks_exact_mut(depth).enumerate() {
             for (piece, values) in values.chunks_mut(8).enumerate() {
-                let first = lattice.point(row * depth + 8 * piece).0;
-                let x = [self.part(0, first.x, clamp); 8];
-                let y = [self.part(1, first.y, clamp); 8];
-                let z =
-                    std::array::from_fn(|n| self.part(2, first.z + lattice.step * n as f64, clamp));
                 let mut found = [0.0; 8];
                 lanes::run(RowWork {
                     products: &self.products,
+                    periods: &self.periods,
                     rule: &self.rule,
-                    samples: [x, y, z],
+                    rows: Rows {
+                        origin: lattice.point(row * depth + 8 * piece).0,
+                        ..rows
+                    },
                     out: &mut found,
                 });
                 values.copy_from_slice(&found[..values.len()]);
@@ -324,27 +293,54 @@ impl Aligned {
         }
     }
 
+    /// Where values on a lattice are negative, without asking how large they are; false if the lattice
+    /// is too wide for that.
+    pub fn signs(&self, lattice: &SampleLattice<WorldPoint>, negative: &mut [bool]) -> bool {
+        if lattice.counts.into_iter().any(|n| n > WIDEST) {
+            return false;
+        }
+        let (_, greatest) = self.box_range(&lattice.span());
+        lanes::run(SignWork {
+            products: &self.products,
+            periods: &self.periods,
+            rows: Rows {
+                origin: lattice.origin.0,
+                step: lattice.step,
+                clamp: greatest > 0.0,
+            },
+            counts: lattice.counts,
+            out: &mut *negative,
+        });
+        if self.is_cut() && greatest >= 0.0 {
+            for (n, negative) in negative.iter_mut().enumerate() {
+                *negative &= self.to_box(lattice.point(n).0) < 0.0;
+            }
+        }
+        true
+    }
+
     /// Cuts the values off at the box.
     fn cut(&self, lattice: &SampleLattice<WorldPoint>, out: &mut [f32]) {
         let w = self.options.half_width as f32;
-        let beyond = |axis: usize| -> Vec<f32> {
-            (0..lattice.counts[axis])
-                .map(|n| {
-                    let x = lattice.origin.0[axis] + lattice.step * n as f64;
-                    self.beyond(axis, x) as f32
-                })
-                .collect()
+        let [nx, ny, nz] = lattice.counts;
+        let beyond = |axis: usize, n: usize| {
+            let x = lattice.origin.0[axis] + lattice.step * n as f64;
+            self.beyond(axis, x) as f32
         };
-        let [xs, ys, zs] = [beyond(0), beyond(1), beyond(2)];
-        let mut rows = out.chunks_exact_mut(zs.len());
-        for &x in &xs {
-            for &y in &ys {
-                let Some(row) = rows.next() else { return };
-                let (across, outside) = (x.max(y), x.max(0.0).powi(2) + y.max(0.0).powi(2));
-                for (v, &z) in row.iter_mut().zip(&zs) {
-                    let to_box =
-                        (outside + z.max(0.0) * z.max(0.0)).sqrt() + across.max(z).min(0.0);
-                    *v = v.max(to_box).min(w);
+        for (piece, first) in (0..nz).step_by(8).enumerate() {
+            let zs: [f32; 8] = std::array::from_fn(|n| beyond(2, first + n));
+            for i in 0..nx {
+                let x = beyond(0, i);
+                for j in 0..ny {
+                    let y = beyond(1, j);
+                    let from = (i * ny + j) * nz + 8 * piece;
+                    let row = &mut out[from..][..8.min(nz - first)];
+                    let (across, outside) = (x.max(y), x.max(0.0).powi(2) + y.max(0.0).powi(2));
+                    for (v, &z) in row.iter_mut().zip(&zs) {
+                        let to_box =
+                            (outside + z.max(0.0) * z.max(0.0)).sqrt() + across.max(z).min(0.0);
+                        *v = v.max(to_box).min(w);
+                    }
                 }
             }
         }

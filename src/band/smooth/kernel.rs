@@ -6,33 +6,6 @@
 #![allow(clippy::inline_always)]
 
 use super::pool::{Pool, Row, Values};
-#[cfg(target_arch = "x86_64")]
-use pulp::x86::V3;
-
-/// The widest registers that the processor has.
-#[derive(Clone, Copy)]
-pub(super) struct Wide(#[cfg(target_arch = "x86_64")] Option<V3>);
-
-impl Default for Wide {
-    fn default() -> Self {
-        Self(
-            #[cfg(target_arch = "x86_64")]
-            V3::try_new(),
-        )
-    }
-}
-
-impl Wide {
-    /// Runs what is inlined into `work` on them.
-    #[inline(always)]
-    pub fn run(self, work: impl FnOnce()) {
-        #[cfg(target_arch = "x86_64")]
-        if let Some(v3) = self.0 {
-            return v3.vectorize(work);
-        }
-        work();
-    }
-}
 
 /// The voxels of a leaf with one x: as many as make loops worth turning into wide instructions.
 type Slab = [f32; 64];

@@ -8,17 +8,15 @@
 //! coefficient is there four times.
 //!
 //! Points are placed four at a time in double precision; the sums over rows of eight coefficients are
-//! in single. Written once and compiled twice, see [`Lanes`]. A point gives the same bits alone and
+//! in single. Written once and compiled twice, see [`crate::lanes`]. A point gives the same bits alone and
 //! among others.
 // Small functions of one hot path: a call each would cost as much as the work.
 #![allow(clippy::inline_always)]
 
 use super::grid::{Fold, Grid};
-use super::lanes::{Lanes, Plain};
 use super::weights::{CUBIC, SLOPES, Y, Y_SLOPES, Z, Z_SLOPES, cubic, square};
 use crate::frame::CellPoint;
-#[cfg(target_arch = "x86_64")]
-use pulp::{NullaryFnOnce, x86::V3};
+use crate::lanes::{self, Lanes, Plain, Work};
 
 /// Points that are evaluated together.
 const GROUP: usize = 8;
@@ -54,8 +52,7 @@ pub(super) struct Spline {
     strides: [f64; 3],
     /// The same along x.
     plane: usize,
-    #[cfg(target_arch = "x86_64")]
-    wide: Option<V3>,
+    is_portable: bool,
 }
 
 /// Places of a group of points.
@@ -68,27 +65,23 @@ struct Places {
     signs: [[f32; GROUP]; 3],
 }
 
-#[cfg(target_arch = "x86_64")]
-struct Values<'a>(V3, &'a Spline, &'a [CellPoint<3>], &'a mut [f32]);
+struct Values<'a>(&'a Spline, &'a [CellPoint<3>], &'a mut [f32]);
 
-#[cfg(target_arch = "x86_64")]
-impl NullaryFnOnce for Values<'_> {
+impl Work for Values<'_> {
     type Output = ();
     #[inline(always)]
-    fn call(self) {
-        self.1.values_by(self.0, self.2, self.3);
+    fn run<L: Lanes>(self, lanes: L) {
+        self.0.values_by(lanes, self.1, self.2);
     }
 }
 
-#[cfg(target_arch = "x86_64")]
-struct Samples<'a>(V3, &'a Spline, &'a [CellPoint<3>], &'a mut [[f32; 4]]);
+struct Samples<'a>(&'a Spline, &'a [CellPoint<3>], &'a mut [[f32; 4]]);
 
-#[cfg(target_arch = "x86_64")]
-impl NullaryFnOnce for Samples<'_> {
+impl Work for Samples<'_> {
     type Output = ();
     #[inline(always)]
-    fn call(self) {
-        self.1.samples_by(self.0, self.2, self.3);
+    fn run<L: Lanes>(self, lanes: L) {
+        self.0.samples_by(lanes, self.1, self.2);
     }
 }
 
@@ -129,8 +122,7 @@ impl Spline {
             per_unit: grid.per_unit().map(|c| c as f32),
             strides: [ny * nz * 4, nz * 4, 4].map(|s| s as f64),
             plane: ny * nz * 4,
-            #[cfg(target_arch = "x86_64")]
-            wide: V3::try_new(),
+            is_portable: false,
         }
     }
 
@@ -140,8 +132,7 @@ impl Spline {
 
     /// Does without the instructions that only some processors have.
     pub fn be_portable(&mut self) {
-        #[cfg(target_arch = "x86_64")]
-        self.wide.take();
+        self.is_portable = true;
     }
 
     pub fn bytes(&self) -> usize {
@@ -215,7 +206,7 @@ impl Spline {
 
     /// The patch of plane `i` from a place in the table on.
     #[inline(always)]
-    fn patch<L: Lanes>(&self, lanes: L, at: usize, i: usize) -> [L::Eight; 2] {
+    fn patch<L: Lanes>(&self, lanes: L, at: usize, i: usize) -> [L::F; 2] {
         let from = at + i * self.plane;
         // Of a place that is no number: any patch.
         let patch = self.table.get(from..from + PATCH);
@@ -223,20 +214,20 @@ impl Spline {
         let mut halves = [[0.0; 8]; 2];
         halves[0].copy_from_slice(&patch[..8]);
         halves[1].copy_from_slice(&patch[8..]);
-        [lanes.eight(halves[0]), lanes.eight(halves[1])]
+        [lanes.load(&halves[0]), lanes.load(&halves[1])]
     }
 
     /// Both halves of the patches, summed along x.
     #[inline(always)]
-    fn along_x<L: Lanes>(&self, lanes: L, at: usize, w: [f32; 4]) -> [L::Eight; 2] {
-        let first = lanes.all_eight(w[0]);
+    fn along_x<L: Lanes>(&self, lanes: L, at: usize, w: [f32; 4]) -> [L::F; 2] {
+        let first = lanes.splat(w[0]);
         let [low, high] = self.patch(lanes, at, 0);
         let (mut a, mut b) = (lanes.mul(low, first), lanes.mul(high, first));
         for i in 1..4 {
-            let weight = lanes.all_eight(w[i]);
+            let weight = lanes.splat(w[i]);
             let [low, high] = self.patch(lanes, at, i);
-            a = lanes.mul_add(low, weight, a);
-            b = lanes.mul_add(high, weight, b);
+            a = lanes.fused(low, weight, a);
+            b = lanes.fused(high, weight, b);
         }
         [a, b]
     }
@@ -244,7 +235,7 @@ impl Spline {
     /// Weights along x of a group, by plane.
     #[inline(always)]
     fn weights_x<L: Lanes>(lanes: L, within: [f32; GROUP]) -> [[f32; GROUP]; 4] {
-        let t = lanes.eight(within);
+        let t = lanes.load(&within);
         let mut weights = [[0.0; GROUP]; 4];
         for (i, w) in weights.iter_mut().enumerate() {
             let c = [
@@ -253,7 +244,7 @@ impl Spline {
                 [CUBIC[2][i]; 8],
                 [CUBIC[3][i]; 8],
             ];
-            *w = lanes.array(cubic(lanes, t, &c));
+            lanes.store(cubic(lanes, t, &c), w);
         }
         weights
     }
@@ -261,11 +252,11 @@ impl Spline {
     /// Their derivatives.
     #[inline(always)]
     fn slopes_x<L: Lanes>(lanes: L, within: [f32; GROUP]) -> [[f32; GROUP]; 4] {
-        let t = lanes.eight(within);
+        let t = lanes.load(&within);
         let mut weights = [[0.0; GROUP]; 4];
         for (i, w) in weights.iter_mut().enumerate() {
             let c = [[SLOPES[0][i]; 8], [SLOPES[1][i]; 8], [SLOPES[2][i]; 8]];
-            *w = lanes.array(square(lanes, t, &c));
+            lanes.store(square(lanes, t, &c), w);
         }
         weights
     }
@@ -277,16 +268,16 @@ impl Spline {
             let wx = Self::weights_x(lanes, places.within[0]);
             let mut sums = [0.0; GROUP];
             for from in (0..out.len()).step_by(4) {
-                let mut rows = [lanes.all_eight(0.0); 4];
+                let mut rows = [lanes.splat(0.0); 4];
                 for (l, row) in rows.iter_mut().take(out.len() - from).enumerate() {
                     let n = from + l;
                     let at = places.at[n] as usize;
                     let w = [wx[0][n], wx[1][n], wx[2][n], wx[3][n]];
                     let [low, high] = self.along_x(lanes, at, w);
-                    let ty = lanes.all_eight(places.within[1][n]);
-                    let tz = lanes.all_eight(places.within[2][n]);
+                    let ty = lanes.splat(places.within[1][n]);
+                    let tz = lanes.splat(places.within[2][n]);
                     let sum = lanes.mul(high, cubic(lanes, tz, &Z[1]));
-                    let sum = lanes.mul_add(low, cubic(lanes, tz, &Z[0]), sum);
+                    let sum = lanes.fused(low, cubic(lanes, tz, &Z[0]), sum);
                     *row = lanes.mul(sum, cubic(lanes, ty, &Y));
                 }
                 sums[from..from + 4].copy_from_slice(&lanes.sums(rows));
@@ -308,17 +299,17 @@ impl Spline {
                 let [low, high] = self.along_x(lanes, at, [wx[0][n], wx[1][n], wx[2][n], wx[3][n]]);
                 let [steep_low, steep_high] =
                     self.along_x(lanes, at, [dx[0][n], dx[1][n], dx[2][n], dx[3][n]]);
-                let ty = lanes.all_eight(places.within[1][n]);
-                let tz = lanes.all_eight(places.within[2][n]);
+                let ty = lanes.splat(places.within[1][n]);
+                let tz = lanes.splat(places.within[2][n]);
                 let (wy, dy) = (cubic(lanes, ty, &Y), square(lanes, ty, &Y_SLOPES));
                 let (z0, z1) = (cubic(lanes, tz, &Z[0]), cubic(lanes, tz, &Z[1]));
                 let (d0, d1) = (
                     square(lanes, tz, &Z_SLOPES[0]),
                     square(lanes, tz, &Z_SLOPES[1]),
                 );
-                let flat = lanes.mul_add(low, z0, lanes.mul(high, z1));
-                let steep = lanes.mul_add(steep_low, z0, lanes.mul(steep_high, z1));
-                let along = lanes.mul_add(low, d0, lanes.mul(high, d1));
+                let flat = lanes.fused(low, z0, lanes.mul(high, z1));
+                let steep = lanes.fused(steep_low, z0, lanes.mul(steep_high, z1));
+                let along = lanes.fused(low, d0, lanes.mul(high, d1));
                 let [v, x, y, z] = lanes.sums([
                     lanes.mul(flat, wy),
                     lanes.mul(steep, wy),
@@ -336,22 +327,22 @@ impl Spline {
         }
     }
 
+    fn run(&self, work: impl Work<Output = ()>) {
+        if self.is_portable {
+            work.run(Plain);
+        } else {
+            lanes::run(work);
+        }
+    }
+
     /// Values at points, into `out` of the same length.
     pub fn values(&self, points: &[CellPoint<3>], out: &mut [f32]) {
-        #[cfg(target_arch = "x86_64")]
-        if let Some(wide) = self.wide {
-            return wide.vectorize(Values(wide, self, points, out));
-        }
-        self.values_by(Plain, points, out);
+        self.run(Values(self, points, out));
     }
 
     /// Values and gradients (per unit of reference length) at points, into `out` of the same length.
     pub fn samples(&self, points: &[CellPoint<3>], out: &mut [[f32; 4]]) {
-        #[cfg(target_arch = "x86_64")]
-        if let Some(wide) = self.wide {
-            return wide.vectorize(Samples(wide, self, points, out));
-        }
-        self.samples_by(Plain, points, out);
+        self.run(Samples(self, points, out));
     }
 
     /// The value at a point.

@@ -2,7 +2,7 @@
 // Small functions of one hot path: a call each would cost as much as the work.
 #![allow(clippy::inline_always)]
 
-use super::lanes::Lanes;
+use crate::lanes::Lanes;
 
 /// Coefficients of the four cubic weights by powers of the place in the cell.
 pub(super) const CUBIC: [[f32; 4]; 4] = [
@@ -55,15 +55,15 @@ pub(super) const Z_SLOPES: [[[f32; 8]; 3]; 2] = [along_z(SLOPES, 0), along_z(SLO
 
 /// A cubic with these coefficients.
 #[inline(always)]
-pub(super) fn cubic<L: Lanes>(lanes: L, t: L::Eight, c: &[[f32; 8]; 4]) -> L::Eight {
-    let mut sum = lanes.mul_add(t, lanes.eight(c[3]), lanes.eight(c[2]));
-    sum = lanes.mul_add(t, sum, lanes.eight(c[1]));
-    lanes.mul_add(t, sum, lanes.eight(c[0]))
+pub(super) fn cubic<L: Lanes>(lanes: L, t: L::F, c: &[[f32; 8]; 4]) -> L::F {
+    let mut sum = lanes.fused(t, lanes.load(&c[3]), lanes.load(&c[2]));
+    sum = lanes.fused(t, sum, lanes.load(&c[1]));
+    lanes.fused(t, sum, lanes.load(&c[0]))
 }
 
 /// A square polynomial with these coefficients.
 #[inline(always)]
-pub(super) fn square<L: Lanes>(lanes: L, t: L::Eight, c: &[[f32; 8]; 3]) -> L::Eight {
-    let sum = lanes.mul_add(t, lanes.eight(c[2]), lanes.eight(c[1]));
-    lanes.mul_add(t, sum, lanes.eight(c[0]))
+pub(super) fn square<L: Lanes>(lanes: L, t: L::F, c: &[[f32; 8]; 3]) -> L::F {
+    let sum = lanes.fused(t, lanes.load(&c[2]), lanes.load(&c[1]));
+    lanes.fused(t, sum, lanes.load(&c[0]))
 }

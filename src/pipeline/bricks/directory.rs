@@ -21,6 +21,13 @@ pub(crate) fn directory_beside(recipe: &Recipe, out: Option<&Path>) -> PathBuf {
     target.with_file_name(format!(".{name}.bricks"))
 }
 
+/// The directory, or of those it will lie in the nearest that is there.
+pub(super) fn existing(directory: &Path) -> &Path {
+    let mut above = directory.ancestors().filter(|d| d.is_dir());
+    // Of a relative path the last is empty: the working directory.
+    above.next().unwrap_or(Path::new("."))
+}
+
 /// Makes the directory, if it is not there.
 pub(super) fn make_directory(directory: &Path) -> Result<(), WriteError> {
     fs::create_dir_all(directory).map_err(|e| WriteError::Create {

@@ -7,6 +7,7 @@
 #![allow(clippy::inline_always)]
 
 use crate::cell::{Along, FUNCTIONS, Products};
+use crate::frame::{Aabb, Vec3};
 use crate::lanes::{Lanes, Work};
 
 /// Nodes along an axis where every sample is one.
@@ -36,8 +37,8 @@ pub(super) struct Rule {
 #[derive(Clone, Debug)]
 pub(super) struct Nodes {
     pub count: usize,
-    /// Places of the nodes, in samples from the first one.
-    pub places: Vec<f64>,
+    /// Places of the nodes, in samples from the first one; the last of them repeated.
+    pub places: [f64; EVERY],
     /// Of each node, its share in each sample; those that are not there have none.
     pub shares: [[f32; 8]; EVERY],
 }
@@ -45,15 +46,13 @@ pub(super) struct Nodes {
 impl Nodes {
     /// Chebyshev's nodes over a leaf, a little wider; or every sample.
     pub fn new(count: usize) -> Self {
-        let places: Vec<f64> = (0..count)
-            .map(|n| {
-                if count == EVERY {
-                    return n as f64;
-                }
-                let angle = std::f64::consts::PI * (n as f64 + 0.5) / count as f64;
-                3.5 - 3.5 * 1.08 * angle.cos()
-            })
-            .collect();
+        let places: [f64; EVERY] = std::array::from_fn(|n| {
+            if count == EVERY {
+                return n as f64;
+            }
+            let angle = std::f64::consts::PI * (n.min(count - 1) as f64 + 0.5) / count as f64;
+            3.5 - 3.5 * 1.08 * angle.cos()
+        });
         let share_of = |n: usize| -> [f32; 8] {
             std::array::from_fn(|v| {
                 let others = (0..count).filter(|&m| m != n);
@@ -73,17 +72,72 @@ impl Nodes {
 }
 
 /// Parts of a period, -1/2 to 1/2, of eight places along each axis.
-pub(super) type Places = [[f32; 8]; 3];
+type Places = [[f32; 8]; 3];
+
+/// Where the periods lie in world space, and the box that they fill.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Periods {
+    /// Where the reference coordinates are 0.
+    pub centre: Vec3,
+    /// Periods per world unit.
+    pub rate: Vec3,
+    pub room: Aabb,
+}
+
+/// World coordinates of a row of samples along each axis.
+#[derive(Clone, Copy)]
+pub(super) struct Rows {
+    pub origin: Vec3,
+    pub step: f64,
+    /// Whether they are clamped to the box.
+    pub clamp: bool,
+}
+
+impl Periods {
+    /// Parts of a period at so many steps from a row's origin along an axis.
+    #[inline(always)]
+    fn parts<L: Lanes>(&self, l: L, axis: usize, rows: &Rows, steps: &[f64; 8]) -> [f32; 8] {
+        let mut parts = [0.0; 8];
+        for half in [0, 4] {
+            let mut four = [0.0; 4];
+            four.copy_from_slice(&steps[half..half + 4]);
+            let ahead = l.mul_four(l.four(four), l.all_four(rows.step));
+            let mut x = l.add_four(ahead, l.all_four(rows.origin[axis]));
+            if rows.clamp {
+                x = l.max_four(x, l.all_four(self.room.min[axis]));
+                x = l.min_four(x, l.all_four(self.room.max[axis]));
+            }
+            let from = l.sub_four(x, l.all_four(self.centre[axis]));
+            let u = l.mul_four(from, l.all_four(self.rate[axis]));
+            let whole = l.floor_four(l.add_four(u, l.all_four(0.5)));
+            parts[half..half + 4].copy_from_slice(&l.singles(l.sub_four(u, whole)));
+        }
+        parts
+    }
+
+    /// The same along all three.
+    #[inline(always)]
+    fn places<L: Lanes>(&self, l: L, rows: &Rows, steps: &[f64; 8]) -> Places {
+        [
+            self.parts(l, 0, rows, steps),
+            self.parts(l, 1, rows, steps),
+            self.parts(l, 2, rows, steps),
+        ]
+    }
+}
+
+/// Steps to the samples of a leaf.
+const EACH: [f64; 8] = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0];
+/// To those that follow.
+const BEHIND: [f64; 8] = [8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0];
 
 /// A leaf to be filled.
 pub(super) struct LeafWork<'a> {
     pub products: &'a Products,
+    pub periods: &'a Periods,
     pub rule: &'a Rule,
     pub nodes: &'a Nodes,
-    /// The samples.
-    pub samples: Places,
-    /// The nodes; of no use where they are the samples.
-    pub between: Places,
+    pub rows: Rows,
     pub out: &'a mut [[f32; 8]; 64],
 }
 
@@ -93,12 +147,13 @@ impl Work for LeafWork<'_> {
     fn run<L: Lanes>(self, l: L) {
         let Self {
             products,
+            periods,
             rule,
             nodes,
-            samples,
-            between,
+            rows: at,
             out,
         } = self;
+        let samples = periods.places(l, &at, &EACH);
         let x = products.along(l, &samples[0]);
         let y = products.along(l, &samples[1]);
         let z = products.along(l, &samples[2]);
@@ -140,6 +195,7 @@ impl Work for LeafWork<'_> {
             return;
         }
         let mut slopes = [[[0.0; 8]; MOST]; MOST];
+        let between = periods.places(l, &at, &nodes.places);
         node_slopes(l, products, rule, nodes, &between, &mut slopes);
         match nodes.count {
             4 => interpolate::<L, 4>(l, nodes, &slopes, [minus, w], rows),
@@ -316,11 +372,12 @@ fn newton<L: Lanes>(
     (f, g, m, q)
 }
 
-/// Values of up to eight samples along z at one place along x and y.
+/// Distances at eight samples along z at one place along x and y.
 pub(super) struct RowWork<'a> {
     pub products: &'a Products,
+    pub periods: &'a Periods,
     pub rule: &'a Rule,
-    pub samples: Places,
+    pub rows: Rows,
     pub out: &'a mut [f32; 8],
 }
 
@@ -328,14 +385,72 @@ impl Work for RowWork<'_> {
     type Output = ();
     #[inline(always)]
     fn run<L: Lanes>(self, l: L) {
-        let x = self.products.along(l, &self.samples[0]);
-        let y = self.products.along(l, &self.samples[1]);
-        let z = self.products.along(l, &self.samples[2]);
+        let (periods, rows) = (self.periods, &self.rows);
+        let x = periods.parts(l, 0, rows, &[0.0; 8]);
+        let y = periods.parts(l, 1, rows, &[0.0; 8]);
+        let z = periods.parts(l, 2, rows, &EACH);
+        let x = self.products.along(l, &x);
+        let y = self.products.along(l, &y);
+        let z = self.products.along(l, &z);
         let at = [&x, &y, &z];
         let f = self.products.slope(l, at).0;
         let d = l.div(f, slope(l, self.products, self.rule, at));
         let w = l.splat(self.rule.half_width);
         let minus = l.splat(-self.rule.half_width);
         l.store(l.min(l.max(d, minus), w), self.out);
+    }
+}
+
+/// Most samples along an axis of a lattice whose signs are asked for.
+pub(super) const WIDEST: usize = 16;
+
+/// Where the samples of a lattice lie inside, the box not regarded.
+pub(super) struct SignWork<'a> {
+    pub products: &'a Products,
+    pub periods: &'a Periods,
+    pub rows: Rows,
+    /// At most [`WIDEST`].
+    pub counts: [usize; 3],
+    pub out: &'a mut [bool],
+}
+
+impl Work for SignWork<'_> {
+    type Output = ();
+    #[inline(always)]
+    fn run<L: Lanes>(self, l: L) {
+        let Self {
+            products,
+            periods,
+            rows,
+            counts,
+            out,
+        } = self;
+        let mut tables = [[[[0.0; 8]; FUNCTIONS]; 2]; 3];
+        for axis in 0..3 {
+            for (half, steps) in [&EACH, &BEHIND].into_iter().enumerate() {
+                if 8 * half < counts[axis] {
+                    let parts = periods.parts(l, axis, &rows, steps);
+                    tables[axis][half] = stored(l, &products.along(l, &parts));
+                }
+            }
+        }
+        let strides = [counts[1] * counts[2], counts[2], 1];
+        // Eight at a time along the longer of the last two axes.
+        let along = if counts[2] >= counts[1] { 2 } else { 1 };
+        let across = 3 - along;
+        for i in 0..counts[0] {
+            for j in 0..counts[across] {
+                let mut at = [i; 3];
+                at[across] = j;
+                for half in 0..counts[along].div_ceil(8) {
+                    let values = products.line(l, along, &tables, at, half);
+                    let negative = l.below(values, l.splat(0.0));
+                    for k in 8 * half..counts[along].min(8 * half + 8) {
+                        let n = i * strides[0] + j * strides[across] + k * strides[along];
+                        out[n] = negative >> (k & 7) & 1 == 1;
+                    }
+                }
+            }
+        }
     }
 }

@@ -111,6 +111,56 @@ fn distances_are_those_of_the_general_way() {
 }
 
 #[test]
+fn signs_are_those_of_the_values() {
+    let size = Vec3::new(2.0, 2.3, 1.8);
+    let hexes = Scaffold::box_grid(size, [2, 2, 2], Kind::Hex8).unwrap();
+    let h = 0.025;
+    for cell in cells() {
+        let table = Table::new(&cell).unwrap();
+        for boundary in [Boundary::Cut, Boundary::Extend] {
+            let options = TilingOptions {
+                voxel_size: h,
+                half_width: 3.0 * h,
+                distance: Distance::Fast,
+                boundary,
+            };
+            let solid = TiledSolid::new(&hexes, &table, options).unwrap();
+            // Layers across each axis, a row, and a lattice too wide for the short way.
+            let shapes = [
+                [1, 10, 10],
+                [10, 1, 10],
+                [10, 10, 1],
+                [1, 1, 16],
+                [2, 3, 20],
+            ];
+            for n in 0..100u32 {
+                let spread = Vec3::new(0.819_17, 0.671_04, 0.549_70) * f64::from(n);
+                let corner = spread.map(f64::fract).component_mul(&size);
+                let lattice = SampleLattice {
+                    origin: WorldPoint(corner.add_scalar(-5.0 * h)),
+                    step: h,
+                    counts: shapes[n as usize % shapes.len()],
+                };
+                let mut values = vec![0f32; lattice.len()];
+                let mut negative = vec![false; lattice.len()];
+                solid.fill(&lattice, &mut values);
+                let looked = solid.signs(&lattice, &mut negative);
+                assert_eq!(looked, lattice.len() as u64);
+                for (m, (&v, &sign)) in values.iter().zip(&negative).enumerate() {
+                    let is_clear = f64::from(v.abs()) > 1e-4 * h;
+                    assert!(
+                        !is_clear || (v < 0.0) == sign,
+                        "{} {boundary:?} {:?}: {v}",
+                        cell.name(),
+                        lattice.point(m)
+                    );
+                }
+            }
+        }
+    }
+}
+
+#[test]
 fn bounds_contain_what_the_box_cuts() {
     let scaffold = Scaffold::box_grid(Vec3::repeat(1.0), [1; 3], Kind::Hex8).unwrap();
     let table = Table::new(&Surface::Gyroid.cell(Element::Hex).unwrap()).unwrap();

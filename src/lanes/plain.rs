@@ -1,0 +1,136 @@
+//! The lanes of any processor: products are rounded before they are added, and nothing calls the
+//! mathematics library (on the x86-64 baseline even rounding down would be a call).
+// Each function is a few instructions.
+#![allow(clippy::inline_always)]
+
+use super::Lanes;
+use wide::f32x8;
+
+/// Any processor.
+#[derive(Clone, Copy)]
+pub struct Plain;
+
+impl Lanes for Plain {
+    type F = f32x8;
+    type D = [f64; 4];
+    #[inline(always)]
+    fn splat(self, v: f32) -> f32x8 {
+        f32x8::splat(v)
+    }
+    #[inline(always)]
+    fn load(self, v: &[f32; 8]) -> f32x8 {
+        f32x8::new(*v)
+    }
+    #[inline(always)]
+    fn store(self, v: f32x8, to: &mut [f32; 8]) {
+        *to = v.to_array();
+    }
+    #[inline(always)]
+    fn add(self, a: f32x8, b: f32x8) -> f32x8 {
+        a + b
+    }
+    #[inline(always)]
+    fn sub(self, a: f32x8, b: f32x8) -> f32x8 {
+        a - b
+    }
+    #[inline(always)]
+    fn mul(self, a: f32x8, b: f32x8) -> f32x8 {
+        a * b
+    }
+    #[inline(always)]
+    fn div(self, a: f32x8, b: f32x8) -> f32x8 {
+        a / b
+    }
+    #[inline(always)]
+    fn fused(self, a: f32x8, b: f32x8, c: f32x8) -> f32x8 {
+        a * b + c
+    }
+    #[inline(always)]
+    fn sqrt(self, a: f32x8) -> f32x8 {
+        a.sqrt()
+    }
+    #[inline(always)]
+    fn min(self, a: f32x8, b: f32x8) -> f32x8 {
+        a.fast_min(b)
+    }
+    #[inline(always)]
+    fn max(self, a: f32x8, b: f32x8) -> f32x8 {
+        a.fast_max(b)
+    }
+    #[inline(always)]
+    fn magnitude(self, a: f32x8) -> f32x8 {
+        a.abs()
+    }
+    #[inline(always)]
+    fn below(self, a: f32x8, b: f32x8) -> u8 {
+        a.simd_lt(b).to_bitmask() as u8
+    }
+    #[inline(always)]
+    fn select_below(self, a: f32x8, b: f32x8, x: f32x8, y: f32x8) -> f32x8 {
+        a.simd_lt(b).bitselect(x, y)
+    }
+    #[inline(always)]
+    fn sums(self, rows: [f32x8; 4]) -> [f32; 4] {
+        rows.map(|r| {
+            let r = r.to_array();
+            ((r[0] + r[1]) + (r[2] + r[3])) + ((r[4] + r[5]) + (r[6] + r[7]))
+        })
+    }
+    #[inline(always)]
+    fn four(self, v: [f64; 4]) -> [f64; 4] {
+        v
+    }
+    #[inline(always)]
+    fn all_four(self, v: f64) -> [f64; 4] {
+        [v; 4]
+    }
+    #[inline(always)]
+    fn add_four(self, a: [f64; 4], b: [f64; 4]) -> [f64; 4] {
+        [a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3]]
+    }
+    #[inline(always)]
+    fn sub_four(self, a: [f64; 4], b: [f64; 4]) -> [f64; 4] {
+        [a[0] - b[0], a[1] - b[1], a[2] - b[2], a[3] - b[3]]
+    }
+    #[inline(always)]
+    fn mul_four(self, a: [f64; 4], b: [f64; 4]) -> [f64; 4] {
+        [a[0] * b[0], a[1] * b[1], a[2] * b[2], a[3] * b[3]]
+    }
+    #[inline(always)]
+    fn min_four(self, a: [f64; 4], b: [f64; 4]) -> [f64; 4] {
+        [
+            a[0].min(b[0]),
+            a[1].min(b[1]),
+            a[2].min(b[2]),
+            a[3].min(b[3]),
+        ]
+    }
+    #[inline(always)]
+    fn max_four(self, a: [f64; 4], b: [f64; 4]) -> [f64; 4] {
+        [
+            a[0].max(b[0]),
+            a[1].max(b[1]),
+            a[2].max(b[2]),
+            a[3].max(b[3]),
+        ]
+    }
+    #[inline(always)]
+    fn floor_four(self, v: [f64; 4]) -> [f64; 4] {
+        v.map(|v| {
+            let cut = v as i64 as f64;
+            cut - f64::from(u8::from(cut > v))
+        })
+    }
+    #[inline(always)]
+    fn sign_four(self, v: [f64; 4]) -> [f64; 4] {
+        v.map(|v| 1f64.copysign(v))
+    }
+    #[inline(always)]
+    fn singles(self, v: [f64; 4]) -> [f32; 4] {
+        v.map(|v| v as f32)
+    }
+    #[inline(always)]
+    fn integers(self, v: [f64; 4]) -> [i32; 4] {
+        v.map(|v| v as i32)
+    }
+}
