@@ -429,6 +429,10 @@ impl<F: Filling> Field for TiledSolid<'_, F> {
         }
     }
 
+    fn bounds(&self, regions: &[Aabb; 8]) -> Option<[Interval; 8]> {
+        self.aligned.as_ref().map(|a| a.bounds(regions))
+    }
+
     fn fill(&self, lattice: &SampleLattice<WorldPoint>, out: &mut [f32]) {
         self.fill_counting(lattice, out);
     }

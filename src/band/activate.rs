@@ -8,13 +8,13 @@ use crate::lanes::{Lanes, Work, run};
 /// Samples of a leaf and the layer around it along one axis.
 pub(super) const SPAN: usize = 10;
 
-/// Signs of the 10^3 samples of a leaf and the layer around it, as bits: row `[x + 1][y + 1]`, bit
-/// `z + 1`. A sample of neither sign is unknown and takes no part: the bound has proved that it
-/// has its neighbours' sign.
+/// Signs of the 10^3 samples of a leaf and the layer around it. For each of the ten places along x and
+/// each of 3 x 3 leaves across, (y, z), there is a word laid out as those of masks. A sample that is not
+/// known takes no part: the bound has proved that it has its neighbours' sign.
 #[derive(Clone, Default)]
 pub(super) struct Neighbourhood {
-    negative: [[u16; SPAN]; SPAN],
-    positive: [[u16; SPAN]; SPAN],
+    negative: [[u64; 9]; SPAN],
+    known: [[u64; 9]; SPAN],
 }
 
 /// What the values of a leaf say, one bit per voxel in the mask's layout.
@@ -29,14 +29,15 @@ pub(super) struct Bits {
 }
 
 impl Bits {
-    /// Of the values of a leaf.
-    pub fn of(values: &[f32; VOXELS], background: f32) -> Self {
+    /// Of the values of a leaf, which are clamped to the background on the way: inactive ones lie beyond
+    /// it.
+    pub fn of(values: &mut [f32; VOXELS], background: f32) -> Self {
         run(Look { values, background })
     }
 }
 
 struct Look<'a> {
-    values: &'a [f32; VOXELS],
+    values: &'a mut [f32; VOXELS],
     background: f32,
 }
 
@@ -46,94 +47,92 @@ impl Work for Look<'_> {
     #[inline(always)]
     fn run<L: Lanes>(self, l: L) -> Bits {
         let (zero, background) = (l.splat(0.0), l.splat(self.background));
+        let minus = l.splat(-self.background);
         let endless = l.splat(f32::INFINITY);
         let mut bits = Bits::default();
         let mut finite = u8::MAX;
-        for (n, row) in self.values.chunks_exact(8).enumerate() {
-            let Some(row) = row.first_chunk() else { break };
+        for (n, row) in self.values.as_chunks_mut().0.iter_mut().enumerate() {
             let v = l.load(row);
             let size = l.magnitude(v);
             let shift = 8 * (n & 7);
             bits.negative[n >> 3] |= u64::from(l.below(v, zero)) << shift;
             bits.within[n >> 3] |= u64::from(l.below(size, background)) << shift;
             // NaN is not below anything.
-            finite &= l.below(size, endless);
+            let is_finite = l.below(size, endless);
+            finite &= is_finite;
+            // Else it would no longer show which.
+            if is_finite == u8::MAX {
+                l.store(l.min(l.max(v, minus), background), row);
+            }
         }
         bits.finite = finite == u8::MAX;
         bits
     }
 }
 
-/// Along one axis: samples of the neighbour in direction -1, 0, 1 that lie in the neighbourhood, as
-/// (first sample of the neighbour, first sample of the neighbourhood, how many).
-const OVERLAP: [(usize, usize, usize); 3] = [(7, 0, 1), (0, 1, 8), (0, 9, 1)];
+/// The first and the last place along z in every row, and along y all of a row.
+const FIRST: u64 = 0x0101_0101_0101_0101;
+const LAST: u64 = FIRST << 7;
+const ROW: u64 = 0xff;
 
 impl Neighbourhood {
     /// Enters the leaf in direction `(dx, dy, dz)`, each 0, 1, 2 for -1, 0, 1: (1, 1, 1) is the leaf
     /// itself.
-    pub fn enter_leaf(&mut self, direction: [usize; 3], negative: &[u64; 8]) {
-        let [(x0, i0, nx), (y0, j0, ny), (z0, k0, nz)] = direction.map(|d| OVERLAP[d]);
-        let some = ((1u16 << nz) - 1) << k0;
-        for x in 0..nx {
-            let rows = negative[x0 + x].to_le_bytes();
-            let slab = (&mut self.negative[i0 + x], &mut self.positive[i0 + x]);
-            let mut enter = |y: usize, j: usize| {
-                let row = u16::from(rows[y]) >> z0 << k0 & some;
-                slab.0[j] |= row;
-                slab.1[j] |= !row & some;
-            };
-            // A loop of known length becomes wide instructions.
-            if ny == 8 {
-                (0..8).for_each(|y| enter(y, y + 1));
-            } else {
-                enter(y0, j0);
-            }
+    pub fn enter_leaf(&mut self, [x, y, z]: [usize; 3], negative: &[u64; 8]) {
+        let across = 3 * y + z;
+        let mut enter = |slab: usize, word: u64| {
+            self.negative[slab][across] |= word;
+            self.known[slab][across] = u64::MAX;
+        };
+        match x {
+            0 => enter(0, negative[7]),
+            1 => (0..8).for_each(|n| enter(n + 1, negative[n])),
+            _ => enter(SPAN - 1, negative[0]),
         }
     }
 
     /// Enters one sample, by its indices in the neighbourhood (0 to 9).
-    pub fn enter_sample(&mut self, i: [usize; 3], negative: bool) {
-        let rows = if negative {
-            &mut self.negative
-        } else {
-            &mut self.positive
-        };
-        rows[i[0]][i[1]] |= 1 << i[2];
+    pub fn enter_sample(&mut self, [x, y, z]: [usize; 3], negative: bool) {
+        // Of the 30 places along an axis those of the leaf itself are 8 to 15.
+        let (y, z) = (y + 7, z + 7);
+        let across = 3 * (y >> 3) + (z >> 3);
+        let bit = 1 << (8 * (y & 7) + (z & 7));
+        self.known[x][across] |= bit;
+        if negative {
+            self.negative[x][across] |= bit;
+        }
     }
 
     /// Voxels of the leaf that have one of their 26 neighbours on the other side, in the mask's layout.
     pub fn next_to_change(&self) -> [u64; 8] {
-        let [wide_negative, wide_positive] = [&self.negative, &self.positive].map(widen);
-        let mut words = [0; 8];
-        for x in 0..8 {
-            let mut rows = [0; 8];
-            for y in 0..8 {
-                let row = self.negative[x + 1][y + 1] & wide_positive[x][y]
-                    | self.positive[x + 1][y + 1] & wide_negative[x][y];
-                rows[y] = (row >> 1) as u8;
+        let (mut near_negative, mut near_positive) = ([0; SPAN], [0; SPAN]);
+        for x in 0..SPAN {
+            let (negative, known) = (&self.negative[x], &self.known[x]);
+            let mut positive = [0; 9];
+            for n in 0..9 {
+                positive[n] = known[n] & !negative[n];
             }
-            words[x] = u64::from_le_bytes(rows);
+            near_negative[x] = spread(negative);
+            near_positive[x] = spread(&positive);
         }
-        words
+        let around = |near: &[u64; SPAN], x: usize| near[x] | near[x + 1] | near[x + 2];
+        std::array::from_fn(|x| {
+            let (negative, known) = (self.negative[x + 1][4], self.known[x + 1][4]);
+            negative & around(&near_positive, x) | known & !negative & around(&near_negative, x)
+        })
     }
 }
 
-/// Rows of the inner 8^2 in which a bit is set if any of its 27 is: spread along z, y and x in turn.
-fn widen(rows: &[[u16; SPAN]; SPAN]) -> [[u16; 8]; 8] {
-    let mut slabs = [[0; 8]; SPAN];
-    for (slab, rows) in slabs.iter_mut().zip(rows) {
-        let along_z = rows.map(|r| r | r << 1 | r >> 1);
-        for y in 0..8 {
-            slab[y] = along_z[y] | along_z[y + 1] | along_z[y + 2];
-        }
-    }
-    let mut wide = [[0; 8]; 8];
-    for x in 0..8 {
-        for y in 0..8 {
-            wide[x][y] = slabs[x][y] | slabs[x + 1][y] | slabs[x + 2][y];
-        }
-    }
-    wide
+/// Of one place along x: voxels of the leaf of whose 9 neighbours along y and z, themselves included,
+/// one is set.
+fn spread(across: &[u64; 9]) -> u64 {
+    let along_z = |y: usize| {
+        let [before, own, behind] = [across[3 * y], across[3 * y + 1], across[3 * y + 2]];
+        let ahead = own >> 1 & !LAST | (behind & FIRST) << 7;
+        own | ahead | own << 1 & !FIRST | (before & LAST) >> 7
+    };
+    let [below, own, above] = [along_z(0), along_z(1), along_z(2)];
+    own | own << 8 | own >> 8 | below >> 56 | (above & ROW) << 56
 }
 
 #[cfg(test)]

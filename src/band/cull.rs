@@ -1,7 +1,7 @@
 //! Which blocks and leaves can meet the band: halving of aligned cubes by the field's bound.
 
 use super::{BLOCK, Band, BandError, LEAF, Region};
-use crate::field::WorldField;
+use crate::field::{Interval, WorldField};
 use crate::frame::{Aabb, Coord, Transform};
 
 /// The range of voxel indices in use; leaves room for neighbours and for doubling a cube.
@@ -73,38 +73,67 @@ impl<'a> Culler<'a> {
         })
     }
 
-    fn side_of(&self, region: &Aabb) -> Side {
-        let b = self.field.bound(region);
-        if b.lo >= self.background {
+    fn side_of(&self, bound: Interval) -> Side {
+        if bound.lo >= self.background {
             Side::Outside
-        } else if b.hi <= -self.background {
+        } else if bound.hi <= -self.background {
             Side::Inside
         } else {
             Side::Unknown
         }
     }
 
+    /// Whether a cube of `edge` voxels is of interest.
+    fn meets(&self, origin: Coord, edge: i32) -> bool {
+        (0..3).all(|a| origin[a] <= self.range[1][a] && origin[a] + edge > self.range[0][a])
+    }
+
+    /// The samples of a cube and of the layer around it.
+    fn surrounded(&self, origin: Coord, edge: i32) -> Aabb {
+        let h = self.transform.voxel_size();
+        self.transform.sample_box(origin, edge).dilated(h)
+    }
+
     /// What the bound says about the cube of `edge` voxels at `origin`; outside where it is of no
     /// interest.
     fn side(&self, origin: Coord, edge: i32) -> Side {
-        let meets =
-            (0..3).all(|a| origin[a] <= self.range[1][a] && origin[a] + edge > self.range[0][a]);
-        if !meets {
-            return Side::Outside;
+        if self.meets(origin, edge) {
+            self.side_of(self.field.bound(&self.surrounded(origin, edge)))
+        } else {
+            Side::Outside
         }
-        let h = self.transform.voxel_size();
-        self.side_of(&self.transform.sample_box(origin, edge).dilated(h))
+    }
+
+    /// The same for the eight halves of a cube, if the field knows them at once.
+    fn sides(&self, origin: Coord, half: i32) -> Option<[Side; 8]> {
+        let parts = std::array::from_fn(|n| part(origin, half, n));
+        let bounds = self
+            .field
+            .bounds(&parts.map(|p| self.surrounded(p, half)))?;
+        Some(std::array::from_fn(|n| {
+            if self.meets(parts[n], half) {
+                self.side_of(bounds[n])
+            } else {
+                Side::Outside
+            }
+        }))
     }
 
     /// The last test of a leaf, in eight parts of 5^3 samples that together are the leaf and the layer
     /// around it. Sharper than the whole, as all bounds are over smaller boxes; parts on different
     /// sides leave a sign change between them.
     fn leaf_side(&self, origin: Coord) -> Side {
+        const HALF: i32 = LEAF / 2;
+        let first = origin.offset(-1, -1, -1);
+        let parts: [Aabb; 8] = std::array::from_fn(|n| {
+            let corner = part(first, HALF + 1, n);
+            self.transform.sample_box(corner, HALF + 1)
+        });
+        let all = self.field.bounds(&parts);
         let mut common = None;
-        for part in 0..8 {
-            let low = [4, 2, 1].map(|bit| if part & bit == 0 { -1 } else { LEAF / 2 });
-            let first = origin.offset(low[0], low[1], low[2]);
-            match self.side_of(&self.transform.sample_box(first, LEAF / 2 + 1)) {
+        for (n, region) in parts.iter().enumerate() {
+            let bound = all.map_or_else(|| self.field.bound(region), |all| all[n]);
+            match self.side_of(bound) {
                 Side::Unknown => return Side::Unknown,
                 side if common.is_some_and(|c| c != side) => return Side::Unknown,
                 side => common = Some(side),
@@ -113,9 +142,10 @@ impl<'a> Culler<'a> {
         common.unwrap_or(Side::Unknown)
     }
 
-    /// Halves a cube down to cubes of `smallest` voxels that may be active; ascending Morton order.
-    fn halve(&self, origin: Coord, edge: i32, smallest: i32, sieve: &mut Sieve) {
-        let mut side = self.side(origin, edge);
+    /// Halves a cube, on this side, down to cubes of `smallest` voxels that may be active; ascending
+    /// Morton order.
+    fn halve(&self, origin: Coord, edge: i32, side: Side, smallest: i32, sieve: &mut Sieve) {
+        let mut side = side;
         if side == Side::Unknown && edge == LEAF {
             side = self.leaf_side(origin);
         }
@@ -126,9 +156,11 @@ impl<'a> Culler<'a> {
             _ => {}
         }
         let half = edge / 2;
-        for part in 0..8 {
-            let [x, y, z] = [4, 2, 1].map(|bit| if part & bit == 0 { 0 } else { half });
-            self.halve(origin.offset(x, y, z), half, smallest, sieve);
+        let sides = self.sides(origin, half);
+        for n in 0..8 {
+            let origin = part(origin, half, n);
+            let side = sides.map_or_else(|| self.side(origin, half), |s| s[n]);
+            self.halve(origin, half, side, smallest, sieve);
         }
     }
 
@@ -147,9 +179,10 @@ impl<'a> Culler<'a> {
             edge *= 2;
         }
         let first = self.range[0].aligned(edge);
-        for part in 0..8 {
-            let [x, y, z] = [4, 2, 1].map(|bit| if part & bit == 0 { 0 } else { edge });
-            self.halve(first.offset(x, y, z), edge, BLOCK, &mut sieve);
+        for n in 0..8 {
+            let origin = part(first, edge, n);
+            let side = self.side(origin, edge);
+            self.halve(origin, edge, side, BLOCK, &mut sieve);
         }
         sieve.unknown.sort_unstable();
         sieve
@@ -158,8 +191,15 @@ impl<'a> Culler<'a> {
     /// Leaves of a block that may hold active voxels, and cubes of it that lie inside.
     pub fn leaves(&self, block: Coord) -> Sieve {
         let mut sieve = Sieve::default();
-        self.halve(block, BLOCK, LEAF, &mut sieve);
+        let side = self.side(block, BLOCK);
+        self.halve(block, BLOCK, side, LEAF, &mut sieve);
         sieve.unknown.sort_unstable();
         sieve
     }
+}
+
+/// Origin of part `n` of the eight halves of a cube, in Morton order.
+fn part(origin: Coord, half: i32, n: usize) -> Coord {
+    let [x, y, z] = [4, 2, 1].map(|bit| if n & bit == 0 { 0 } else { half });
+    origin.offset(x, y, z)
 }

@@ -2,12 +2,12 @@
 
 use super::activate::{Bits, Neighbourhood, SPAN};
 use super::cull::Culler;
-use super::leaf::count;
-use super::{BLOCK, Band, BandError, BandStats, LEAF, LeafSink, Region, VOXELS, pool};
+use super::{BLOCK, Band, BandError, BandStats, LEAF, LeafBatch, LeafSink, Region, VOXELS, pool};
 use crate::field::SampleLattice;
 use crate::frame::{Aabb, Coord};
 use crate::progress::{Cancelled, Progress, Threads};
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// Leaves evaluated between two looks at whether the user asked to stop.
 const GROUP: usize = 16;
@@ -74,69 +74,56 @@ impl Band<'_> {
     }
 }
 
-/// One block: cull, evaluate, activate, deliver.
+/// One block: cull, then evaluate, activate and deliver its leaves by the stretch.
+///
+/// What a leaf's mask takes of its neighbours are signs, so that values are kept of two stretches at a
+/// time: of the one to be delivered, and of the next one, whose signs it waits for.
 fn block(
     culler: &Culler,
     origin: Coord,
     progress: &dyn Progress,
     sink: &dyn LeafSink,
 ) -> Result<BandStats, BandError> {
-    if progress.cancelled() {
-        return Err(Cancelled.into());
-    }
     let sieve = culler.leaves(origin);
+    let mut block = Block::new(culler, origin, sieve.unknown);
     let mut inside = sieve.inside;
-    let samples = BlockSamples::take(culler, origin, sieve.unknown, progress)?;
     let mut stats = BandStats {
         blocks: 1,
-        leaves_touched: samples.origins.len() as u64,
-        voxels_evaluated: samples.looked,
+        leaves_touched: block.origins.len() as u64,
         ..BandStats::default()
     };
-    for first in (0..samples.origins.len()).step_by(BATCH) {
+    let mut waiting: Option<Stretch> = None;
+    let mut first = 0;
+    while first < block.origins.len() || waiting.is_some() {
         if progress.cancelled() {
             return Err(Cancelled.into());
         }
-        let range = first..samples.origins.len().min(first + BATCH);
-        let masks: Vec<_> = range
-            .clone()
-            .into_par_iter()
-            .map(|n| samples.activate(culler, n))
-            .collect();
-        let mut batch = pool::batch();
-        for (n, (mask, extra)) in range.zip(masks) {
-            stats.voxels_evaluated += extra;
-            if mask == [0; 8] {
-                if samples.values[n][0] < 0.0 {
-                    inside.push((samples.origins[n], LEAF));
-                }
-                continue;
+        let last = block.stretch(first);
+        let next = if first < last {
+            let (stretch, looked) = block.evaluate(first..last, progress)?;
+            stats.voxels_evaluated += looked;
+            Some(stretch)
+        } else {
+            None
+        };
+        first = last;
+        if let Some(stretch) = std::mem::replace(&mut waiting, next) {
+            let (batch, looked) = block.choose(stretch, &mut inside);
+            stats.voxels_evaluated += looked;
+            stats.leaves_kept += batch.len() as u64;
+            stats.active_voxels += batch.active_voxels();
+            if !batch.is_empty() {
+                sink.block(origin, &batch)?;
             }
-            stats.leaves_kept += 1;
-            stats.active_voxels += count(&mask);
-            batch.push(samples.origins[n], mask, &samples.values[n]);
-            if let Some(values) = batch.values.last_mut() {
-                clamp(values, culler.background as f32);
-            }
+            pool::give_batch(batch);
         }
-        if !batch.is_empty() {
-            sink.block(origin, &batch)?;
-        }
-        pool::give_batch(batch);
     }
-    pool::give_values(samples.values);
     sink.inside(&inside);
     Ok(stats)
 }
 
-/// Clamps values to the band. Inactive ones lie beyond it: they become plus or minus the background.
-fn clamp(values: &mut [f32; VOXELS], background: f32) {
-    for v in values {
-        *v = v.max(-background).min(background);
-    }
-}
-
-/// Fills in the values of one leaf; says what they are and at how many points the field was looked at.
+/// Fills in the values of one leaf, clamped to the band; says what they are and at how many points the
+/// field was looked at.
 ///
 /// # Errors
 /// A value that is not finite.
@@ -164,79 +151,118 @@ pub(super) fn leaf_values(
     })
 }
 
-/// All evaluated leaves of a block.
-struct BlockSamples {
+/// Consecutive leaves of a block, evaluated: their values, and no masks yet.
+struct Stretch {
+    leaves: Range<usize>,
+    batch: LeafBatch,
+}
+
+/// The leaves of a block that may be active, sorted by origin, and what is known of them.
+struct Block<'a> {
+    culler: &'a Culler<'a>,
     origin: Coord,
     origins: Vec<Coord>,
-    /// At least as many as there are leaves: recycled memory.
-    values: Vec<[f32; VOXELS]>,
+    /// Of all leaves that were evaluated.
     bits: Vec<Bits>,
-    /// At how many points the field was looked at.
-    looked: u64,
     /// Number of the leaf at each of the 16^3 places, z fastest.
     table: Vec<u16>,
 }
 
-impl BlockSamples {
-    fn take(
-        culler: &Culler,
-        origin: Coord,
-        origins: Vec<Coord>,
+impl<'a> Block<'a> {
+    fn new(culler: &'a Culler<'a>, origin: Coord, origins: Vec<Coord>) -> Self {
+        let mut table = vec![ABSENT; (EDGE * EDGE * EDGE) as usize];
+        for (n, &leaf) in origins.iter().enumerate() {
+            let [x, y, z] = place(origin, leaf);
+            table[((x * EDGE + y) * EDGE + z) as usize] = n as u16;
+        }
+        Self {
+            culler,
+            origin,
+            bits: vec![Bits::default(); origins.len()],
+            origins,
+            table,
+        }
+    }
+
+    /// Where the stretch from a leaf on ends: after as many layers of leaves of one x as fit a batch,
+    /// at least one, so that no leaf has a neighbour beyond the next stretch.
+    fn stretch(&self, first: usize) -> usize {
+        let mut last = first;
+        while let Some(leaf) = self.origins.get(last) {
+            let layer = self.origins[last..].partition_point(|o| o[0] == leaf[0]);
+            if last > first && last + layer > first + BATCH {
+                break;
+            }
+            last += layer;
+        }
+        last
+    }
+
+    /// Evaluates a stretch; gives its values, and at how many points the field was looked at.
+    fn evaluate(
+        &mut self,
+        leaves: Range<usize>,
         progress: &dyn Progress,
-    ) -> Result<Self, BandError> {
-        let mut values = pool::values(origins.len());
-        let mut bits = vec![Bits::default(); origins.len()];
-        let looked = origins
+    ) -> Result<(Stretch, u64), BandError> {
+        let mut batch = pool::batch(leaves.len());
+        let looked = self.origins[leaves.clone()]
             .par_chunks(GROUP)
-            .zip(values.par_chunks_mut(GROUP))
-            .zip(bits.par_chunks_mut(GROUP))
+            .zip(batch.values.par_chunks_mut(GROUP))
+            .zip(self.bits[leaves.clone()].par_chunks_mut(GROUP))
             .map(|((group, values), bits)| {
                 if progress.cancelled() {
                     return Err(BandError::from(Cancelled));
                 }
                 let mut looked = 0;
                 for (n, &leaf) in group.iter().enumerate() {
-                    let (found, points) = leaf_values(culler, leaf, &mut values[n])?;
+                    let (found, points) = leaf_values(self.culler, leaf, &mut values[n])?;
                     bits[n] = found;
                     looked += points;
                 }
                 Ok(looked)
             })
             .try_reduce(|| 0, |a, b| Ok(a + b))?;
-        let mut samples = Self {
-            origin,
-            table: vec![ABSENT; (EDGE * EDGE * EDGE) as usize],
-            origins,
-            values,
-            bits,
-            looked,
-        };
-        for n in 0..samples.origins.len() {
-            if let Some(place) = samples.place(samples.origins[n]) {
-                samples.table[place] = n as u16;
-            }
-        }
-        Ok(samples)
+        Ok((Stretch { leaves, batch }, looked))
     }
 
-    /// Where a leaf stands in the table; `None` outside the block.
-    fn place(&self, leaf: Coord) -> Option<usize> {
-        (leaf.aligned(BLOCK) == self.origin).then(|| {
-            (0..3).fold(0, |n, a| {
-                n * EDGE as usize + ((leaf[a] - self.origin[a]) / LEAF) as usize
-            })
-        })
+    /// The leaves of a stretch that have active voxels; those that lie inside go to `inside`. Needs the
+    /// next stretch evaluated. Gives at how many more points the field was looked at.
+    fn choose(&self, stretch: Stretch, inside: &mut Vec<(Coord, i32)>) -> (LeafBatch, u64) {
+        let Stretch { leaves, mut batch } = stretch;
+        let masks: Vec<_> = leaves
+            .clone()
+            .into_par_iter()
+            .map(|n| self.activate(n))
+            .collect();
+        let mut looked = 0;
+        for (place, (n, (mask, more))) in leaves.zip(masks).enumerate() {
+            looked += more;
+            if mask == [0; 8] {
+                if batch.values[place][0] < 0.0 {
+                    inside.push((self.origins[n], LEAF));
+                }
+                continue;
+            }
+            let kept = batch.len();
+            if kept < place {
+                batch.values[kept] = batch.values[place];
+            }
+            batch.origins.push(self.origins[n]);
+            batch.masks.push(mask);
+        }
+        batch.values.truncate(batch.origins.len());
+        (batch, looked)
     }
 
     /// The mask of a leaf's active voxels, and how many samples beyond the block it took to find it.
-    fn activate(&self, culler: &Culler, n: usize) -> ([u64; 8], u64) {
+    fn activate(&self, n: usize) -> ([u64; 8], u64) {
         // Only an inactive voxel may become active by its neighbours.
         if self.bits[n].within == [u64::MAX; 8] {
             return ([u64::MAX; 8], 0);
         }
         let leaf = self.origins[n];
         let mut near = Neighbourhood::default();
-        let own = [0, 1, 2].map(|a| (leaf[a] - self.origin[a]) / LEAF);
+        let own = place(self.origin, leaf);
         for d in 0..27usize {
             let direction = [d / 9, d / 3 % 3, d % 3];
             let [x, y, z] = [0, 1, 2].map(|a| own[a] + direction[a] as i32 - 1);
@@ -255,7 +281,7 @@ impl BlockSamples {
                 (leaf[axis] + LEAF == self.origin[axis] + BLOCK, LEAF),
             ] {
                 if at_end {
-                    taken += enter_layer(culler, leaf, axis, outside, &mut near);
+                    taken += enter_layer(self.culler, leaf, axis, outside, &mut near);
                 }
             }
         }
@@ -265,6 +291,11 @@ impl BlockSamples {
         }
         (mask, taken)
     }
+}
+
+/// Which of the 16^3 places of a block a leaf has.
+fn place(block: Coord, leaf: Coord) -> [i32; 3] {
+    [0, 1, 2].map(|a| (leaf[a] - block[a]) / LEAF)
 }
 
 /// Enters the signs of the layer of samples at index `outside` (-1 or 8) of `axis`, which lies in

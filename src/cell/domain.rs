@@ -51,7 +51,7 @@ fn rounded(flag: &[Vec3; 4], [a, b, c]: [f64; 3]) -> CellPoint<3> {
         from * cosine + across.unwrap_or_default() * sine
     };
     let area = if b > 0.0 { c / b } else { 0.0 } * ANGLE;
-    let (cosine, side) = (area.cos(), edge.dot(&vertex));
+    let (cosine, side) = (libm::cos(area), edge.dot(&vertex));
     let on_side = toward(edge, face, (cosine - side) / (1.0 - side * cosine));
     let share = if a > 0.0 { b / a } else { 0.0 };
     let height = 1.0 - share * share * (1.0 - on_side.dot(&vertex));

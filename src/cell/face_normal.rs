@@ -132,7 +132,7 @@ pub(super) fn projected<const D: usize>(
                 let (_, [re, im]) = rows
                     .entry(key(p))
                     .or_insert_with(|| (p, [DVector::zeros(n), DVector::zeros(n)]));
-                let (s, c) = (TAU * f.dot(&foot)).sin_cos();
+                let (s, c) = libm::sincos(TAU * f.dot(&foot));
                 let w = (by.0 * c - by.1 * s, by.0 * s + by.1 * c);
                 let w = (w.0 * h.scale, w.1 * h.scale);
                 if h.self_paired {

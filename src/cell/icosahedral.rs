@@ -142,7 +142,7 @@ impl Products {
 
     fn cosines(&self, x: f64) -> Vec<f64> {
         let angles = self.frequencies.iter().map(|f| TAU * f * x);
-        angles.map(f64::cos).collect()
+        angles.map(libm::cos).collect()
     }
 
     fn value(&self, p: Vec3) -> f64 {
@@ -159,7 +159,7 @@ impl Products {
         // Cosines and their derivatives.
         let tables = |x: f64| -> (Vec<f64>, Vec<f64>) {
             let both = self.frequencies.iter().map(|f| {
-                let (sine, cosine) = (TAU * f * x).sin_cos();
+                let (sine, cosine) = libm::sincos(TAU * f * x);
                 (cosine, -TAU * f * sine)
             });
             both.unzip()

@@ -47,7 +47,7 @@ impl Samples {
     pub fn new(cell: &Cell, parts: usize) -> Self {
         let domain = Domain::solid(cell.element, &cell.operators);
         // As many points in all, whatever the number of flags; coarse grids need an even number.
-        let share = (domain.flags.len() as f64).cbrt().recip();
+        let share = libm::cbrt(domain.flags.len() as f64).recip();
         let parts = ((parts as f64 * share) as usize).next_multiple_of(2).max(8);
         let grid = SimplexGrid::new(parts);
         let coordinates = grid.coordinates();

@@ -16,11 +16,13 @@ use crate::frame::Vec3;
 use crate::lanes::Lanes;
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
+use std::ops::Range;
 
 /// Most harmonics along an axis.
 const HARMONICS: usize = 3;
-/// Functions along an axis, the constant included.
-pub const FUNCTIONS: usize = 2 * HARMONICS + 1;
+/// Functions along an axis, the constant included: a power of two, so that a mask keeps indices within.
+pub const FUNCTIONS: usize = (2 * HARMONICS + 1).next_power_of_two();
+const MASK: usize = FUNCTIONS - 1;
 /// Most products.
 const MOST: usize = 16;
 
@@ -33,21 +35,39 @@ struct Product {
     functions: [usize; 3],
     /// The functions whose multiples are the derivatives of the functions, with the factors.
     turned: [usize; 3],
-    rate: [f32; 3],
+    rate: [f64; 3],
+    /// c, and c times each rate.
     factor: f32,
+    steep: [f32; 3],
     exact: f64,
+}
+
+/// The products that share a function along z.
+#[derive(Clone, Debug)]
+struct AlongZ {
+    function: usize,
+    terms: Range<usize>,
 }
 
 /// A short series in product form, with the level subtracted and the solid's sign.
 #[derive(Clone, Debug)]
 pub struct Products {
+    /// Sorted by the function along z.
     terms: Vec<Product>,
+    along_z: Vec<AlongZ>,
     harmonics: usize,
     solid: Solid,
     half: f64,
     any_numbering: bool,
-    /// Functions along z that occur.
-    along_z: Vec<usize>,
+    /// The constant product, and the sum of the others' sizes.
+    mean: f64,
+    most: f64,
+}
+
+/// The harmonic of a product along an axis.
+#[inline(always)]
+fn order(p: &Product, axis: usize) -> f64 {
+    p.functions[axis].div_ceil(2) as f64
 }
 
 /// The function whose multiple is the derivative of a function, and the factor.
@@ -102,22 +122,37 @@ impl Products {
         let solid = cell.solid();
         let sign = if solid == Solid::Above { -1.0 } else { 1.0 };
         let largest = sums.values().fold(0f64, |m, c| m.max(c.abs()));
-        let products: Vec<Product> = sums
+        let mut terms: Vec<Product> = sums
             .into_iter()
             .filter(|(_, c)| c.abs() > 1e-12 * largest)
-            .map(|(functions, c)| Product {
-                functions,
-                turned: functions.map(|f| derivative(f).0),
-                rate: functions.map(|f| derivative(f).1 as f32),
-                factor: (c * sign) as f32,
-                exact: c * sign,
+            .map(|(functions, c)| {
+                let rate = functions.map(|f| derivative(f).1);
+                Product {
+                    functions,
+                    turned: functions.map(|f| derivative(f).0),
+                    rate,
+                    factor: (c * sign) as f32,
+                    steep: rate.map(|r| (c * sign * r) as f32),
+                    exact: c * sign,
+                }
             })
             .collect();
-        let mut along_z: Vec<usize> = products.iter().map(|p| p.functions[2]).collect();
-        along_z.sort_unstable();
-        along_z.dedup();
-        (products.len() <= MOST).then_some(Self {
-            terms: products,
+        terms.sort_by_key(|p| p.functions[2]);
+        let along_z = terms
+            .chunk_by(|p, q| p.functions[2] == q.functions[2])
+            .scan(0, |first, of| {
+                let terms = *first..*first + of.len();
+                *first = terms.end;
+                let function = of[0].functions[2];
+                Some(AlongZ { function, terms })
+            })
+            .collect();
+        let is_constant = |p: &&Product| p.functions == [0; 3];
+        let mean = terms.iter().find(is_constant).map_or(0.0, |p| p.exact);
+        let sizes: f64 = terms.iter().map(|p| p.exact.abs()).sum();
+        (terms.len() <= MOST).then_some(Self {
+            terms,
+            along_z,
             harmonics,
             solid,
             half: if solid.is_symmetric() {
@@ -126,7 +161,8 @@ impl Products {
                 0.0
             },
             any_numbering: cell.fits_any_numbering(),
-            along_z,
+            mean,
+            most: sizes - mean.abs(),
         })
     }
 
@@ -149,17 +185,19 @@ impl Products {
         let along: [[f64; FUNCTIONS]; 3] = std::array::from_fn(|a| {
             let angle = TAU * (u[a] - u[a].round());
             let mut values = [1.0; FUNCTIONS];
-            for h in 1..=self.harmonics {
-                let (s, c) = (h as f64 * angle).sin_cos();
-                values[2 * h - 1] = c;
-                values[2 * h] = s;
+            (values[2], values[1]) = libm::sincos(angle);
+            let (s, c) = (values[2], values[1]);
+            for h in 2..=self.harmonics {
+                let (sh, ch) = (values[2 * h - 2], values[2 * h - 3]);
+                values[2 * h - 1] = ch * c - sh * s;
+                values[2 * h] = sh * c + ch * s;
             }
             values
         });
         let (mut value, mut gradient) = (0.0, Vec3::zeros());
         for p in &self.terms {
             let f: [f64; 3] = std::array::from_fn(|a| along[a][p.functions[a]]);
-            let g: [f64; 3] = std::array::from_fn(|a| along[a][p.turned[a]] * f64::from(p.rate[a]));
+            let g: [f64; 3] = std::array::from_fn(|a| along[a][p.turned[a]] * p.rate[a]);
             value += p.exact * f[0] * f[1] * f[2];
             gradient +=
                 p.exact * Vec3::new(g[0] * f[1] * f[2], f[0] * g[1] * f[2], f[0] * f[1] * g[2]);
@@ -178,22 +216,24 @@ impl Products {
     /// the second derivatives bounded by the coefficients.
     pub fn bound(&self, centre: Vec3, half: Vec3) -> (f64, f64) {
         let (raw, gradient) = self.raw(centre);
-        let (mut curved, mut most, mut mean) = (0.0, 0.0, 0.0);
-        for p in &self.terms {
-            let reach: f64 = (0..3)
-                .map(|a| TAU * p.functions[a].div_ceil(2) as f64 * half[a])
-                .sum();
-            curved += p.exact.abs() * reach * reach / 2.0;
-            if p.functions == [0; 3] {
-                mean = p.exact;
-            } else {
-                most += p.exact.abs();
-            }
-        }
+        let curved: f64 = self
+            .terms
+            .iter()
+            .map(|p| {
+                let reach: f64 = (0..3).map(|a| TAU * order(p, a) * half[a]).sum();
+                p.exact.abs() * reach * reach / 2.0
+            })
+            .sum();
         let reach = gradient.abs().dot(&half) + curved;
-        let slack = 1e-6 * (most + mean.abs());
-        let lo = (raw - reach).max(mean - most) - slack;
-        let hi = (raw + reach).min(mean + most) + slack;
+        self.solid_range(raw - reach, raw + reach, 1e-6)
+    }
+
+    /// The range of the solid's field from that of the sum, which is computed to `precision` of its
+    /// greatest size.
+    pub fn solid_range(&self, lo: f64, hi: f64, precision: f64) -> (f64, f64) {
+        let slack = precision * (self.most + self.mean.abs());
+        let lo = lo.max(self.mean - self.most) - slack;
+        let hi = hi.min(self.mean + self.most) + slack;
         let least = if lo <= 0.0 && hi >= 0.0 {
             0.0
         } else {
@@ -251,93 +291,128 @@ impl Products {
         )
     }
 
+    /// The sum itself and its derivatives by the angles, from the functions along the axes.
+    #[inline(always)]
+    fn raw_slope<L: Lanes>(&self, l: L, [x, y, z]: [&Along<L::F>; 3]) -> (L::F, [L::F; 3]) {
+        let zero = l.splat(0.0);
+        let (mut value, mut gradient) = (zero, [zero; 3]);
+        for p in &self.terms {
+            let [i, j, k] = [
+                p.functions[0] & MASK,
+                p.functions[1] & MASK,
+                p.functions[2] & MASK,
+            ];
+            let [di, dj, dk] = [p.turned[0] & MASK, p.turned[1] & MASK, p.turned[2] & MASK];
+            let (yz, xz, xy) = (l.mul(y[j], z[k]), l.mul(x[i], z[k]), l.mul(x[i], y[j]));
+            value = l.fused(l.mul(l.splat(p.factor), x[i]), yz, value);
+            gradient[0] = l.fused(l.mul(l.splat(p.steep[0]), x[di]), yz, gradient[0]);
+            gradient[1] = l.fused(l.mul(l.splat(p.steep[1]), y[dj]), xz, gradient[1]);
+            gradient[2] = l.fused(l.mul(l.splat(p.steep[2]), z[dk]), xy, gradient[2]);
+        }
+        (value, gradient)
+    }
+
     /// Value and derivatives by the angles from the functions along the axes.
     #[inline(always)]
     pub fn slope<L: Lanes>(&self, l: L, at: [&Along<L::F>; 3]) -> (L::F, [L::F; 3]) {
+        let (value, mut gradient) = self.raw_slope(l, at);
+        let outwards = match self.solid {
+            Solid::Below | Solid::Above => return (value, gradient),
+            Solid::Sheet => 1.0,
+            Solid::Channels => -1.0,
+        };
         let zero = l.splat(0.0);
-        let (mut value, mut gradient) = (zero, [zero; 3]);
-        let [x, y, z] = at;
-        for p in &self.terms {
-            let ([i, j, k], [di, dj, dk]) = (p.functions, p.turned);
-            let c = l.splat(p.factor);
-            let (fx, fy, fz) = (x[i], y[j], z[k]);
-            if k == 0 {
-                let cy = l.mul(c, fy);
-                value = l.fused(fx, cy, value);
-                gradient[0] = l.fused(l.mul(l.splat(p.rate[0]), x[di]), cy, gradient[0]);
-                let cx = l.mul(l.splat(p.factor * p.rate[1]), fx);
-                gradient[1] = l.fused(cx, y[dj], gradient[1]);
-                continue;
-            }
-            let cz = l.mul(c, fz);
-            let (yz, dz) = (l.mul(fy, cz), l.mul(l.splat(p.factor * p.rate[2]), z[dk]));
-            value = l.fused(fx, yz, value);
-            if i != 0 {
-                gradient[0] = l.fused(l.mul(l.splat(p.rate[0]), x[di]), yz, gradient[0]);
-            }
-            if j != 0 {
-                let dy = l.mul(l.splat(p.rate[1]), y[dj]);
-                gradient[1] = l.fused(l.mul(fx, dy), cz, gradient[1]);
-            }
-            gradient[2] = l.fused(l.mul(fx, fy), dz, gradient[2]);
+        let sign = l.select_below(value, zero, l.splat(-outwards), l.splat(outwards));
+        for g in &mut gradient {
+            *g = l.mul(*g, sign);
         }
-        match self.solid {
-            Solid::Below | Solid::Above => (value, gradient),
-            Solid::Sheet | Solid::Channels => {
-                let outwards = if self.solid == Solid::Sheet {
-                    1.0
-                } else {
-                    -1.0
-                };
-                let half = l.splat(self.half as f32);
-                let sign = l.select_below(value, zero, l.splat(-outwards), l.splat(outwards));
-                let value = l.sub(l.magnitude(value), half);
-                for g in &mut gradient {
-                    *g = l.mul(*g, sign);
-                }
-                (l.mul(l.splat(outwards), value), gradient)
-            }
-        }
+        (self.solid_of(l, value), gradient)
     }
 
-    /// Values on a row along z, of eight rows along y at one place x: for each function of z its
-    /// factor in each row.
+    /// Bounds of the sum, not of the solid's field, in eight boxes, from the functions at their centres
+    /// and half their edges in radians.
     #[inline(always)]
-    pub fn rows<L: Lanes>(
+    pub fn raw_ranges<L: Lanes>(
         &self,
         l: L,
-        x: &[[f32; 8]; FUNCTIONS],
-        place: usize,
+        at: [&Along<L::F>; 3],
+        half: [L::F; 3],
+    ) -> (L::F, L::F) {
+        let (value, gradient) = self.raw_slope(l, at);
+        let mut reach = l.splat(0.0);
+        for a in 0..3 {
+            reach = l.fused(l.magnitude(gradient[a]), half[a], reach);
+        }
+        for p in &self.terms {
+            let mut turned = l.splat(0.0);
+            for a in 0..3 {
+                turned = l.fused(l.splat(order(p, a) as f32), half[a], turned);
+            }
+            let curved = l.mul(l.splat(0.5 * p.factor.abs()), turned);
+            reach = l.fused(curved, turned, reach);
+        }
+        (l.sub(value, reach), l.add(value, reach))
+    }
+
+    /// Values at 8^3 places, rows along z, from the functions along the axes (of x as arrays), into `out`;
+    /// returns the least sizes.
+    #[inline(always)]
+    pub fn values<L: Lanes>(
+        &self,
+        l: L,
+        x: &Along<[f32; 8]>,
         y: &Along<L::F>,
-    ) -> [[f32; 8]; FUNCTIONS] {
-        let mut sums = [l.splat(0.0); FUNCTIONS];
-        for p in &self.terms {
-            let [i, j, k] = p.functions;
-            sums[k] = l.fused(l.splat(p.factor * x[i][place]), y[j], sums[k]);
+        z: &Along<L::F>,
+        out: &mut [[f32; 8]; 64],
+    ) -> L::F {
+        match self.along_z.len() {
+            1 => self.values_of::<L, 1>(l, x, y, z, out),
+            2 => self.values_of::<L, 2>(l, x, y, z, out),
+            3 => self.values_of::<L, 3>(l, x, y, z, out),
+            4 => self.values_of::<L, 4>(l, x, y, z, out),
+            5 => self.values_of::<L, 5>(l, x, y, z, out),
+            6 => self.values_of::<L, 6>(l, x, y, z, out),
+            _ => self.values_of::<L, 7>(l, x, y, z, out),
         }
-        let mut rows = [[0.0; 8]; FUNCTIONS];
-        for &k in &self.along_z {
-            l.store(sums[k], &mut rows[k]);
-        }
-        rows
     }
 
-    /// Values of row `y` from what [`Self::rows`] gave.
+    /// The same with N functions along z: those of x and y are summed once per place along x, so that a
+    /// row takes one multiplication for each of z.
     #[inline(always)]
-    pub fn row<L: Lanes>(
+    fn values_of<L: Lanes, const N: usize>(
         &self,
         l: L,
-        rows: &[[f32; 8]; FUNCTIONS],
-        y: usize,
+        x: &Along<[f32; 8]>,
+        y: &Along<L::F>,
         z: &Along<L::F>,
+        out: &mut [[f32; 8]; 64],
     ) -> L::F {
-        let mut sum = l.splat(rows[0][y]);
-        for &k in &self.along_z {
-            if k != 0 {
-                sum = l.fused(l.splat(rows[k][y]), z[k], sum);
+        let mut along_z = [l.splat(0.0); N];
+        for (to, of) in along_z.iter_mut().zip(&self.along_z) {
+            *to = z[of.function & MASK];
+        }
+        let mut least = l.splat(f32::INFINITY);
+        for (i, slab) in out.as_chunks_mut::<8>().0.iter_mut().enumerate() {
+            let mut factors = [[0.0; 8]; N];
+            for (to, of) in factors.iter_mut().zip(&self.along_z) {
+                let mut sum = l.splat(0.0);
+                for p in &self.terms[of.terms.clone()] {
+                    let at_x = l.splat(p.factor * x[p.functions[0] & MASK][i & 7]);
+                    sum = l.fused(at_x, y[p.functions[1] & MASK], sum);
+                }
+                l.store(sum, to);
+            }
+            for (j, row) in slab.iter_mut().enumerate() {
+                let mut sum = l.splat(0.0);
+                for n in 0..N {
+                    sum = l.fused(l.splat(factors[n][j & 7]), along_z[n], sum);
+                }
+                let f = self.solid_of(l, sum);
+                least = l.min(least, l.magnitude(f));
+                l.store(f, row);
             }
         }
-        self.solid_of(l, sum)
+        least
     }
 
     /// Values at eight places along axis `along`, at one place of both others (that of `at[along]` does
@@ -356,14 +431,19 @@ impl Products {
             let mut factor = p.factor;
             for axis in 0..3 {
                 if axis != along {
-                    factor *= tables[axis][at[axis] >> 3][p.functions[axis]][at[axis] & 7];
+                    factor *=
+                        tables[axis][at[axis] >> 3 & 1][p.functions[axis] & MASK][at[axis] & 7];
                 }
             }
-            factors[p.functions[along]] += factor;
+            factors[p.functions[along] & MASK] += factor;
         }
         let mut sum = l.splat(factors[0]);
-        for n in 1..FUNCTIONS {
-            sum = l.fused(l.splat(factors[n]), l.load(&tables[along][half][n]), sum);
+        for n in 1..=2 * HARMONICS {
+            sum = l.fused(
+                l.splat(factors[n]),
+                l.load(&tables[along][half & 1][n]),
+                sum,
+            );
         }
         self.solid_of(l, sum)
     }

@@ -184,7 +184,7 @@ impl<const D: usize> Series<D> {
     fn sum_of(&self, weight: impl Fn(Frequency<D>) -> f64) -> f64 {
         self.expanded
             .iter()
-            .map(|&(k, [re, im])| re.hypot(im) * weight(k))
+            .map(|&(k, [re, im])| libm::hypot(re, im) * weight(k))
             .sum()
     }
 

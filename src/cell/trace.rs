@@ -81,7 +81,7 @@ pub(super) fn equations(bases: &[(Element, Basis<3>)]) -> Constraint {
 /// Generators of the symmetries of a triangle and a square about their centres.
 fn symmetries(corners: usize) -> [Matrix2<f64>; 2] {
     let mirror = Matrix2::new(-1.0, 0.0, 0.0, 1.0);
-    let (s, c) = (std::f64::consts::TAU / corners as f64).sin_cos();
+    let (s, c) = libm::sincos(std::f64::consts::TAU / corners as f64);
     [mirror, Matrix2::new(c, -s, s, c)]
 }
 

@@ -13,7 +13,7 @@ impl Phasors {
     pub fn new(u: f64, bound: i32) -> Self {
         let n = bound as usize;
         let (mut re, mut im) = (vec![1.0; 2 * n + 1], vec![0.0; 2 * n + 1]);
-        let (s, c) = (TAU * (u - u.round())).sin_cos();
+        let (s, c) = libm::sincos(TAU * (u - u.round()));
         for k in 1..=n {
             // The power as a product of two halves: the error grows with log k, not with k.
             let (a, b) = (n + k / 2, n + k - k / 2);

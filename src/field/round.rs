@@ -107,7 +107,7 @@ impl Field for Cylinder {
     fn value(&self, p: WorldPoint) -> f64 {
         let (along, _, arm) = self.parts(p);
         let [u, v] = self.excess(along, arm);
-        u.max(0.0).hypot(v.max(0.0)) + u.max(v).min(0.0)
+        libm::hypot(u.max(0.0), v.max(0.0)) + u.max(v).min(0.0)
     }
     fn value_and_gradient(&self, p: WorldPoint) -> (f64, Vec3) {
         let (along, axis, arm) = self.parts(p);
@@ -115,7 +115,7 @@ impl Field for Cylinder {
         let cap = axis * along.signum();
         let mantle = arm.try_normalize(0.0).unwrap_or_else(Vec3::zeros);
         let gradient = match (u > 0.0, v > 0.0) {
-            (true, true) => (cap * u + mantle * v) / u.hypot(v),
+            (true, true) => (cap * u + mantle * v) / libm::hypot(u, v),
             (false, false) if v > u => mantle,
             (false, true) => mantle,
             _ => cap,

@@ -15,7 +15,7 @@ pub(super) fn scales(scaffold: &Scaffold, shape: Element) -> Vec<f64> {
     let mut sums = vec![(0.0, 0.0); scaffold.nodes().len()];
     for e in scaffold.elements() {
         let scale =
-            (e.volume().abs() / e.shape().measure()).cbrt() * e.shape().edge() / shape.edge();
+            libm::cbrt(e.volume().abs() / e.shape().measure()) * e.shape().edge() / shape.edge();
         for &n in e.nodes() {
             let s = &mut sums[n as usize];
             *s = (s.0 + scale, s.1 + 1.0);

@@ -354,6 +354,12 @@ impl<F: Field> Field for Borrowed<'_, F> {
     fn bound(&self, region: &<F::Point as crate::field::Point>::Region) -> crate::field::Interval {
         self.0.bound(region)
     }
+    fn bounds(
+        &self,
+        regions: &[<F::Point as crate::field::Point>::Region; 8],
+    ) -> Option<[crate::field::Interval; 8]> {
+        self.0.bounds(regions)
+    }
     fn fill(&self, lattice: &crate::field::SampleLattice<F::Point>, out: &mut [f32]) {
         self.0.fill(lattice, out);
     }

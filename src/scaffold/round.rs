@@ -20,7 +20,7 @@ type Name = ([i64; 3], i64);
 
 /// The direction of a point of the cube's surface: evened out by the tangent of its angles.
 fn direction(c: Vec3) -> Vec3 {
-    c.map(|c| (c * std::f64::consts::FRAC_PI_4).tan())
+    c.map(|c| libm::tan(c * std::f64::consts::FRAC_PI_4))
         .try_normalize(0.0)
         .unwrap_or_default()
 }
@@ -179,14 +179,14 @@ impl Scaffold {
         let (n, across, floors) = (around as i64, across as i64, floors as i64);
         let turn = std::f64::consts::PI / around;
         // Where the tangents at an arc's ends meet, halfway to the chord.
-        let middle = f64::midpoint(turn.cos(), turn.cos().recip());
+        let middle = f64::midpoint(libm::cos(turn), libm::cos(turn).recip());
         let mut builder = Builder {
             place: |(i, _): Name| {
                 let along = i[0] as f64 * turn;
                 let radius = inner + (outer - inner) * (i[1] as f64 / (2 * across) as f64);
                 let radius = radius * if i[0] % 2 == 0 { 1.0 } else { middle };
                 let z = height * (i[2] as f64 / (2 * floors) as f64);
-                Vec3::new(radius * along.cos(), radius * along.sin(), z)
+                Vec3::new(radius * libm::cos(along), radius * libm::sin(along), z)
             },
             names: HashMap::new(),
             nodes: Vec::new(),

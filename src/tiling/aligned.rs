@@ -6,7 +6,7 @@
 //! that the zero set is that of the series. D is the exact distance to the box, and outside of it F is
 //! taken at the closest point, whose coordinates are clamped one by one.
 //!
-//! The slope |F| / d is smooth: where interpolating it from a few nodes of each leaf changes distances
+//! The scale d / |F| is smooth: where interpolating it from a few nodes of each leaf changes distances
 //! by no more than [`TOLERANCE`], it is. That is tried out on leaves spread over a period.
 
 use super::patch::Patch;
@@ -18,9 +18,9 @@ use crate::lanes;
 use crate::scaffold::Scaffold;
 
 mod kernel;
-use kernel::{EVERY, LeafWork, Nodes, Periods, RowWork, Rows, Rule, SignWork, WIDEST};
+use kernel::{EVERY, LeafWork, Nodes, Periods, RangeWork, RowWork, Rows, Rule, SignWork, WIDEST};
 
-/// Root mean square, in voxels, by which interpolated slopes may change distances in the band.
+/// Root mean square, in voxels, by which interpolated scales may change distances in the band.
 const TOLERANCE: f64 = 0.0025;
 /// The greatest such change.
 const MOST: f64 = 0.03;
@@ -28,6 +28,8 @@ const MOST: f64 = 0.03;
 const FURTHEST: f64 = 2.2;
 /// Leaves on which the nodes are tried out.
 const TRIALS: u32 = 64;
+/// Precision of bounds in single precision, as a share of the greatest value.
+const SINGLE: f64 = 2e-5;
 /// Newton steps are damped where the slope is below this fraction of its mean.
 const DAMPING: f64 = 0.05;
 
@@ -62,8 +64,8 @@ impl Aligned {
             damping: (DAMPING * slope_rms).powi(2) as f32,
             longest: longest as f32,
             half_width: options.half_width as f32,
-            least: (slope_rms / 10.0) as f32,
-            greatest: slope_sup as f32,
+            least: slope_sup.recip() as f32,
+            greatest: (10.0 / slope_rms) as f32,
             tiny: (1e-4 * slope_rms * options.voxel_size) as f32,
             turn: turn.map(|t| t as f32).into(),
         };
@@ -90,7 +92,7 @@ impl Aligned {
         Some(aligned)
     }
 
-    /// Whether slopes interpolated from these nodes are as good as those at every sample.
+    /// Whether scales interpolated from these nodes are as good as those at every sample.
     fn suffice(&self, nodes: &Nodes) -> bool {
         let every = Nodes::new(EVERY);
         let h = self.options.voxel_size;
@@ -200,12 +202,53 @@ impl Aligned {
 
     /// Contains every value in a box.
     pub fn bound(&self, region: &Aabb) -> Interval {
-        let w = self.options.half_width;
         let inside = |v: Vec3| v.sup(&self.periods.room.min).inf(&self.periods.room.max);
         let (min, max) = (inside(region.min), inside(region.max));
         let centre = self.reference((min + max) / 2.0);
         let half = ((max - min) / 2.0).component_mul(&self.periods.rate);
         let (lo, hi) = self.products.bound(centre, half);
+        let d = self.distances(lo, hi);
+        if self.is_cut() {
+            self.cut_range(d, region)
+        } else {
+            d
+        }
+    }
+
+    /// Bounds over eight boxes at once.
+    pub fn bounds(&self, regions: &[Aabb; 8]) -> [Interval; 8] {
+        let corners = |of: fn(&Aabb) -> Vec3| -> [[f64; 8]; 3] {
+            let mut all = [[0.0; 8]; 3];
+            for (n, region) in regions.iter().enumerate() {
+                let corner = of(region);
+                (all[0][n], all[1][n], all[2][n]) = (corner.x, corner.y, corner.z);
+            }
+            all
+        };
+        let [lo, hi] = lanes::run(RangeWork {
+            products: &self.products,
+            periods: &self.periods,
+            turn: &self.rule.turn,
+            min: corners(|r| r.min),
+            max: corners(|r| r.max),
+        });
+        let all = regions[1..].iter().fold(regions[0], |a, &b| a.union(b));
+        let is_cut = self.is_cut() && self.box_range(&all).1 > -self.options.half_width;
+        std::array::from_fn(|n| {
+            let (lo, hi) = (f64::from(lo[n]), f64::from(hi[n]));
+            let (lo, hi) = self.products.solid_range(lo, hi, SINGLE);
+            let d = self.distances(lo, hi);
+            if is_cut {
+                self.cut_range(d, &regions[n])
+            } else {
+                d
+            }
+        })
+    }
+
+    /// The range of distances from that of F.
+    fn distances(&self, lo: f64, hi: f64) -> Interval {
+        let w = self.options.half_width;
         // The scale is at least 1 / L, the interpolated one but for its error.
         let slack = match self.nodes.count {
             EVERY => 1e-6 * w,
@@ -224,9 +267,12 @@ impl Aligned {
         } else if hi < 0.0 {
             d.hi = -away(-hi);
         }
-        if !self.is_cut() {
-            return d;
-        }
+        d
+    }
+
+    /// What the box leaves of a range of distances.
+    fn cut_range(&self, d: Interval, region: &Aabb) -> Interval {
+        let w = self.options.half_width;
         let (low, high) = self.box_range(region);
         let (low, high) = (low.clamp(-w, w), high.clamp(-w, w));
         Interval::new(d.lo.max(low), d.hi.max(high))
@@ -327,23 +373,33 @@ impl Aligned {
             let x = lattice.origin.0[axis] + lattice.step * n as f64;
             self.beyond(axis, x) as f32
         };
-        for (piece, first) in (0..nz).step_by(8).enumerate() {
+        for first in (0..nz).step_by(8) {
             let zs: [f32; 8] = std::array::from_fn(|n| beyond(2, first + n));
             for i in 0..nx {
                 let x = beyond(0, i);
                 for j in 0..ny {
                     let y = beyond(1, j);
-                    let from = (i * ny + j) * nz + 8 * piece;
+                    let from = (i * ny + j) * nz + first;
                     let row = &mut out[from..][..8.min(nz - first)];
-                    let (across, outside) = (x.max(y), x.max(0.0).powi(2) + y.max(0.0).powi(2));
-                    for (v, &z) in row.iter_mut().zip(&zs) {
-                        let to_box =
-                            (outside + z.max(0.0) * z.max(0.0)).sqrt() + across.max(z).min(0.0);
-                        *v = v.max(to_box).min(w);
-                    }
+                    cut_row([x, y], &zs, w, row);
                 }
             }
         }
+    }
+}
+
+/// Cuts a row off at a box, of which are known how far outside its coordinates lie along each axis.
+fn cut_row([x, y]: [f32; 2], zs: &[f32; 8], w: f32, row: &mut [f32]) {
+    let greater = |a: f32, b: f32| if a > b { a } else { b };
+    let lesser = |a: f32, b: f32| if a < b { a } else { b };
+    let (ox, oy) = (greater(x, 0.0), greater(y, 0.0));
+    let (across, outside) = (greater(x, y), ox * ox + oy * oy);
+    let to_box = zs.map(|z| {
+        let oz = greater(z, 0.0);
+        (outside + oz * oz).sqrt() + lesser(greater(across, z), 0.0)
+    });
+    for (v, d) in row.iter_mut().zip(to_box) {
+        *v = lesser(greater(*v, d), w);
     }
 }
 

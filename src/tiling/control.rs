@@ -42,7 +42,7 @@ impl ControlLattice {
     pub fn around(scaffold: &Scaffold) -> Self {
         let edge = |e: crate::scaffold::ElementMap| {
             let shape = e.shape();
-            (e.volume().abs() / shape.measure()).cbrt() * shape.edge()
+            libm::cbrt(e.volume().abs() / shape.measure()) * shape.edge()
         };
         let bounds = scaffold.bounds();
         let size = bounds.size();

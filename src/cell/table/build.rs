@@ -7,8 +7,9 @@ use super::super::{CellError, Series};
 use super::grid::{Fold, Grid};
 use super::window;
 use crate::frame::Mat3;
+use crate::lanes;
 use rayon::prelude::*;
-use rustfft::{FftPlanner, num_complex::Complex64};
+use rustfft::{FftPlanner, FftPlannerScalar, num_complex::Complex64};
 use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
 
@@ -199,7 +200,7 @@ impl Spectrum {
         }
         let (mut value, mut slope) = (0.0, [0.0; 3]);
         for &(h, [re, im]) in &self.terms {
-            let size = re.hypot(im);
+            let size = libm::hypot(re, im);
             let of = |axis: usize| tables[axis][h[axis].unsigned_abs() as usize];
             let product: f64 = (0..3).map(|a| of(a).0).product();
             value += size * 2.0 * (1.0 - product);
@@ -277,13 +278,13 @@ pub(super) fn good_size(n: usize) -> usize {
 
 /// Spectrum of the sampled cubic B-spline.
 pub(super) fn attenuation(h: f64, n: f64) -> f64 {
-    (2.0 + (TAU * h / n).cos()) / 3.0
+    (2.0 + libm::cos(TAU * h / n)) / 3.0
 }
 
 /// sinc^4 / attenuation: how much of a wave its interpolant keeps.
 pub(super) fn kept(h: f64, n: f64) -> f64 {
     let x = PI * h / n;
-    let sinc = if h == 0.0 { 1.0 } else { x.sin() / x };
+    let sinc = if h == 0.0 { 1.0 } else { libm::sin(x) / x };
     sinc.powi(4) / attenuation(h, n)
 }
 
@@ -303,9 +304,14 @@ pub(super) fn aliases(h: f64, n: f64) -> f64 {
 /// in turn is the contiguous one.
 pub(super) fn inverse_transform(grid: &mut Vec<Complex64>, mut sizes: [usize; 3]) {
     let mut planner = FftPlanner::new();
+    let mut portable = FftPlannerScalar::new();
     for _ in 0..3 {
         let [nx, ny, nz] = sizes;
-        let fft = planner.plan_fft_inverse(nz);
+        let fft = if lanes::is_portable() {
+            portable.plan_fft_inverse(nz)
+        } else {
+            planner.plan_fft_inverse(nz)
+        };
         grid.par_chunks_mut(ny * nz).for_each(|plane| {
             let mut scratch = vec![Complex64::default(); fft.get_inplace_scratch_len()];
             for row in plane.chunks_exact_mut(nz) {

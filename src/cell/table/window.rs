@@ -59,6 +59,6 @@ pub(super) fn error_bounds(products: &Products, grid: &Grid) -> (f64, f64) {
     }
     // The kink is twice the slope; half a sample of it reaches the value.
     let margin = (EDGE - 1.0) / 2.0 * n / EDGE;
-    let kink = 2.0 * steepest * DECAY.powf(margin.floor());
+    let kink = 2.0 * steepest * libm::pow(DECAY, margin.floor());
     (value + kink * EDGE / n, slope + kink)
 }

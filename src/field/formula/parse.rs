@@ -14,19 +14,19 @@ enum Function {
 }
 
 const FUNCTIONS: [(&str, Function); 30] = [
-    ("sin", Function::One(f64::sin)),
-    ("cos", Function::One(f64::cos)),
-    ("tan", Function::One(f64::tan)),
-    ("asin", Function::One(f64::asin)),
-    ("acos", Function::One(f64::acos)),
-    ("atan", Function::One(f64::atan)),
-    ("sinh", Function::One(f64::sinh)),
-    ("cosh", Function::One(f64::cosh)),
-    ("tanh", Function::One(f64::tanh)),
-    ("exp", Function::One(f64::exp)),
-    ("ln", Function::One(f64::ln)),
+    ("sin", Function::One(libm::sin)),
+    ("cos", Function::One(libm::cos)),
+    ("tan", Function::One(libm::tan)),
+    ("asin", Function::One(libm::asin)),
+    ("acos", Function::One(libm::acos)),
+    ("atan", Function::One(libm::atan)),
+    ("sinh", Function::One(libm::sinh)),
+    ("cosh", Function::One(libm::cosh)),
+    ("tanh", Function::One(libm::tanh)),
+    ("exp", Function::One(libm::exp)),
+    ("ln", Function::One(libm::log)),
     ("sqrt", Function::One(f64::sqrt)),
-    ("cbrt", Function::One(f64::cbrt)),
+    ("cbrt", Function::One(libm::cbrt)),
     ("abs", Function::One(f64::abs)),
     (
         "sign",
@@ -35,8 +35,8 @@ const FUNCTIONS: [(&str, Function); 30] = [
     ("floor", Function::One(f64::floor)),
     ("ceil", Function::One(f64::ceil)),
     ("round", Function::One(f64::round)),
-    ("pow", Function::Two(f64::powf)),
-    ("atan2", Function::Two(f64::atan2)),
+    ("pow", Function::Two(libm::pow)),
+    ("atan2", Function::Two(libm::atan2)),
     ("mod", Function::Two(|x, m| x - m * (x / m).floor())),
     (
         "step",
@@ -209,7 +209,7 @@ impl Parser<'_> {
             // x^2 is by far the most frequent.
             self.signed()?;
             self.push(Step::Binary(
-                |a, b| if b == 2.0 { a * a } else { a.powf(b) },
+                |a, b| if b == 2.0 { a * a } else { libm::pow(a, b) },
             ))?;
         }
         Ok(())

@@ -1,6 +1,6 @@
 //! Distances of a short series on leaves of 8^3 samples.
 //!
-//! The field is evaluated at every sample, row by row. Its slope in the sense of rule Q, |F| / distance
+//! The field is evaluated at every sample, row by row. Its scale in the sense of rule Q, distance / |F|
 //! by two Newton steps, changes slowly: where cells are large in voxels it is evaluated at a few nodes
 //! of the leaf and interpolated between them, else at every sample.
 // Small functions of hot paths, which must be compiled for the processor that their caller is for.
@@ -24,7 +24,7 @@ pub(super) struct Rule {
     pub longest: f32,
     /// Half width of the band.
     pub half_width: f32,
-    /// Bounds of the slope.
+    /// Bounds of the scale.
     pub least: f32,
     pub greatest: f32,
     /// Below this a value is next to the zero set.
@@ -51,7 +51,7 @@ impl Nodes {
                 return n as f64;
             }
             let angle = std::f64::consts::PI * (n.min(count - 1) as f64 + 0.5) / count as f64;
-            3.5 - 3.5 * 1.08 * angle.cos()
+            3.5 - 3.5 * 1.08 * libm::cos(angle)
         });
         let share_of = |n: usize| -> [f32; 8] {
             std::array::from_fn(|v| {
@@ -107,12 +107,18 @@ impl Periods {
                 x = l.max_four(x, l.all_four(self.room.min[axis]));
                 x = l.min_four(x, l.all_four(self.room.max[axis]));
             }
-            let from = l.sub_four(x, l.all_four(self.centre[axis]));
-            let u = l.mul_four(from, l.all_four(self.rate[axis]));
-            let whole = l.floor_four(l.add_four(u, l.all_four(0.5)));
-            parts[half..half + 4].copy_from_slice(&l.singles(l.sub_four(u, whole)));
+            parts[half..half + 4].copy_from_slice(&self.part(l, axis, x));
         }
         parts
+    }
+
+    /// Parts of a period of four coordinates along an axis.
+    #[inline(always)]
+    fn part<L: Lanes>(&self, l: L, axis: usize, x: L::D) -> [f32; 4] {
+        let from = l.sub_four(x, l.all_four(self.centre[axis]));
+        let u = l.mul_four(from, l.all_four(self.rate[axis]));
+        let whole = l.floor_four(l.add_four(u, l.all_four(0.5)));
+        l.singles(l.sub_four(u, whole))
     }
 
     /// The same along all three.
@@ -158,49 +164,37 @@ impl Work for LeafWork<'_> {
         let y = products.along(l, &samples[1]);
         let z = products.along(l, &samples[2]);
         let xs = stored(l, &x);
-        let mut least = l.splat(f32::INFINITY);
-        let rows = out;
-        for (i, slab) in rows.chunks_exact_mut(8).enumerate() {
-            let factors = products.rows(l, &xs, i, &y);
-            for (j, row) in slab.iter_mut().enumerate() {
-                let f = products.row(l, &factors, j, &z);
-                least = l.min(least, l.magnitude(f));
-                l.store(f, row);
-            }
-        }
+        let least = products.values(l, &xs, &y, &z, out);
         let w = l.splat(rule.half_width);
         let minus = l.splat(-rule.half_width);
-        let beyond = l.splat(rule.half_width * rule.greatest);
+        let (flattest, beyond) = (l.splat(rule.least), l.splat(rule.half_width / rule.least));
         if l.below(least, beyond) == 0 {
-            let steep = l.splat(rule.greatest.recip());
-            for row in rows {
+            for row in out {
                 let f = l.load(row);
-                l.store(l.min(l.max(l.mul(f, steep), minus), w), row);
+                l.store(l.min(l.max(l.mul(f, flattest), minus), w), row);
             }
             return;
         }
         if nodes.count == EVERY {
             let ys = stored(l, &y);
-            for (n, row) in rows.iter_mut().enumerate() {
+            for (n, row) in out.iter_mut().enumerate() {
                 let f = l.load(row);
-                let d = if l.below(l.magnitude(f), beyond) == 0 {
-                    l.mul(f, l.splat(rule.greatest.recip()))
-                } else {
-                    let at_x = splatted(l, &xs, n / 8);
-                    let at_y = splatted(l, &ys, n % 8);
-                    l.div(f, slope(l, products, rule, [&at_x, &at_y, &z]))
-                };
-                l.store(l.min(l.max(d, minus), w), row);
+                let mut s = flattest;
+                if l.below(l.magnitude(f), beyond) != 0 {
+                    let (at_x, at_y) = (splatted(l, &xs, n / 8), splatted(l, &ys, n % 8));
+                    s = scale(l, products, rule, [&at_x, &at_y, &z]);
+                }
+                l.store(l.min(l.max(l.mul(f, s), minus), w), row);
             }
             return;
         }
-        let mut slopes = [[[0.0; 8]; MOST]; MOST];
+        let mut scales = [[[0.0; 8]; MOST]; MOST];
         let between = periods.places(l, &at, &nodes.places);
-        node_slopes(l, products, rule, nodes, &between, &mut slopes);
+        node_scales(l, products, rule, nodes, &between, &mut scales);
         match nodes.count {
-            4 => interpolate::<L, 4>(l, nodes, &slopes, [minus, w], rows),
-            5 => interpolate::<L, 5>(l, nodes, &slopes, [minus, w], rows),
-            _ => interpolate::<L, MOST>(l, nodes, &slopes, [minus, w], rows),
+            4 => interpolate::<L, 4>(l, nodes, &scales, [minus, w], out),
+            5 => interpolate::<L, 5>(l, nodes, &scales, [minus, w], out),
+            _ => interpolate::<L, MOST>(l, nodes, &scales, [minus, w], out),
         }
     }
 }
@@ -220,112 +214,102 @@ fn stored<L: Lanes>(l: L, along: &Along<L::F>) -> [[f32; 8]; FUNCTIONS] {
 fn splatted<L: Lanes>(l: L, from: &[[f32; 8]; FUNCTIONS], place: usize) -> Along<L::F> {
     let mut all = [l.splat(1.0); FUNCTIONS];
     for n in 1..FUNCTIONS {
-        all[n] = l.splat(from[n][place]);
+        all[n] = l.splat(from[n][place & 7]);
     }
     all
 }
 
-/// Slopes at the nodes, `[x][y][z]`, z in the first lanes of a row.
-type Slopes = [[[f32; 8]; MOST]; MOST];
+/// Scales at the nodes, `[x][y][z]`, z in the first lanes of a row.
+type Scales = [[[f32; 8]; MOST]; MOST];
 
 #[inline(always)]
-fn node_slopes<L: Lanes>(
+fn node_scales<L: Lanes>(
     l: L,
     products: &Products,
     rule: &Rule,
     nodes: &Nodes,
-    places: &Places,
-    slopes: &mut Slopes,
+    [x, y, z]: &Places,
+    scales: &mut Scales,
 ) {
-    let count = nodes.count;
-    let [x, y, z] = *places;
-    let xs = stored(l, &products.along(l, &x));
-    let ys = stored(l, &products.along(l, &y));
-    // Of four nodes along z two rows fit the lanes.
-    let rows = if count == 4 { 2 } else { 1 };
-    let mut packed = z;
-    if rows == 2 {
-        packed.copy_within(..4, 4);
+    let xs = stored(l, &products.along(l, x));
+    if nodes.count == 4 {
+        // Two rows of four nodes fill the lanes.
+        let at_z = products.along(l, &[z[0], z[1], z[2], z[3], z[0], z[1], z[2], z[3]]);
+        for j in [0, 2] {
+            let (a, b) = (y[j], y[j + 1]);
+            let at_y = products.along(l, &[a, a, a, a, b, b, b, b]);
+            for i in 0..4 {
+                let at_x = splatted(l, &xs, i);
+                let mut both = [0.0; 8];
+                l.store(scale(l, products, rule, [&at_x, &at_y, &at_z]), &mut both);
+                scales[i][j] = both;
+                scales[i][j + 1][..4].copy_from_slice(&both[4..]);
+            }
+        }
+        return;
     }
-    let at_z = products.along(l, &packed);
-    for i in 0..count {
+    let ys = stored(l, &products.along(l, y));
+    let at_z = products.along(l, z);
+    for i in 0..nodes.count.min(MOST) {
         let at_x = splatted(l, &xs, i);
-        let mut j = 0;
-        while j < count {
-            let mut at_y = splatted(l, &ys, j);
-            if rows == 2 {
-                for n in 1..FUNCTIONS {
-                    let (a, b) = (ys[n][j], ys[n][j + 1]);
-                    at_y[n] = l.load(&[a, a, a, a, b, b, b, b]);
-                }
-            }
-            let found = slope(l, products, rule, [&at_x, &at_y, &at_z]);
-            let mut lanes = [0.0; 8];
-            l.store(found, &mut lanes);
-            slopes[i][j] = lanes;
-            if rows == 2 {
-                slopes[i][j + 1][..4].copy_from_slice(&lanes[4..]);
-            }
-            j += rows;
+        for j in 0..nodes.count.min(MOST) {
+            let at_y = splatted(l, &ys, j);
+            let found = scale(l, products, rule, [&at_x, &at_y, &at_z]);
+            l.store(found, &mut scales[i][j]);
         }
     }
 }
 
-/// Divides the rows of values by the slopes interpolated from N nodes, within limits.
+/// Multiplies the rows of values by the scales interpolated from N nodes, within limits.
 #[inline(always)]
 fn interpolate<L: Lanes, const N: usize>(
     l: L,
     nodes: &Nodes,
-    slopes: &Slopes,
+    scales: &Scales,
     limits: [L::F; 2],
-    rows_of_values: &mut [[f32; 8]; 64],
+    values: &mut [[f32; 8]; 64],
 ) {
     let zero = l.splat(0.0);
     let mut along_z = [zero; N];
     for n in 0..N {
         along_z[n] = l.load(&nodes.shares[n]);
     }
-    let mut planes = [[zero; 8]; N];
+    let mut rows = [[zero; N]; N];
     for i in 0..N {
-        let mut rows = [zero; N];
         for j in 0..N {
             for k in 0..N {
-                rows[j] = l.fused(l.splat(slopes[i][j][k]), along_z[k], rows[j]);
+                rows[i][j] = l.fused(l.splat(scales[i][j][k]), along_z[k], rows[i][j]);
             }
-        }
-        for y in 0..8 {
-            let mut sum = zero;
-            for j in 0..N {
-                sum = l.fused(l.splat(nodes.shares[j][y]), rows[j], sum);
-            }
-            planes[i][y] = sum;
         }
     }
-    for x in 0..8 {
+    let mut planes = [[zero; N]; 8];
+    for y in 0..8 {
+        for j in 0..N {
+            let share = l.splat(nodes.shares[j][y]);
+            for i in 0..N {
+                planes[y][i] = l.fused(share, rows[i][j], planes[y][i]);
+            }
+        }
+    }
+    for (x, slab) in values.as_chunks_mut::<8>().0.iter_mut().enumerate() {
         let mut shares = [zero; N];
         for i in 0..N {
-            shares[i] = l.splat(nodes.shares[i][x]);
+            shares[i] = l.splat(nodes.shares[i][x & 7]);
         }
         for y in 0..8 {
             let mut sum = zero;
             for i in 0..N {
-                sum = l.fused(shares[i], planes[i][y], sum);
+                sum = l.fused(shares[i], planes[y][i], sum);
             }
-            let row = &mut rows_of_values[8 * x + y];
-            let d = l.div(l.load(row), sum);
-            l.store(l.min(l.max(d, limits[0]), limits[1]), row);
+            let d = l.mul(l.load(&slab[y]), sum);
+            l.store(l.min(l.max(d, limits[0]), limits[1]), &mut slab[y]);
         }
     }
 }
 
-/// Rule Q's slope |F| / distance by two damped Newton steps.
+/// Rule Q's scale, distance / |F|, by two damped Newton steps.
 #[inline(always)]
-pub(super) fn slope<L: Lanes>(
-    l: L,
-    products: &Products,
-    rule: &Rule,
-    at: [&Along<L::F>; 3],
-) -> L::F {
+fn scale<L: Lanes>(l: L, products: &Products, rule: &Rule, at: [&Along<L::F>; 3]) -> L::F {
     let (f, g, m, q) = newton(l, products, rule, at);
     let back = l.sub(l.splat(0.0), q);
     let mut ahead = [*at[0], *at[1], *at[2]];
@@ -339,13 +323,11 @@ pub(super) fn slope<L: Lanes>(
         let way = l.fused(q, g[a], l.mul(r, h[a]));
         square = l.fused(way, way, square);
     }
-    let ratio = l.sqrt(l.div(l.mul(f, f), l.max(square, l.splat(1e-30))));
-    let on_it = l.div(
-        l.add(m, l.splat(rule.damping)),
-        l.sqrt(l.max(m, l.splat(1e-30))),
-    );
-    let ratio = l.select_below(l.magnitude(f), l.splat(rule.tiny), on_it, ratio);
-    l.min(l.max(ratio, l.splat(rule.least)), l.splat(rule.greatest))
+    let of = l.max(l.mul(f, f), l.splat(f32::MIN_POSITIVE));
+    let scale = l.sqrt(l.div(square, of));
+    let on_it = l.div(l.sqrt(m), l.add(m, l.splat(rule.damping)));
+    let scale = l.select_below(l.magnitude(f), l.splat(rule.tiny), on_it, scale);
+    l.min(l.max(scale, l.splat(rule.least)), l.splat(rule.greatest))
 }
 
 /// Value, gradient and its square at a place, and the Newton step's share of the gradient, shortened to
@@ -394,10 +376,57 @@ impl Work for RowWork<'_> {
         let z = self.products.along(l, &z);
         let at = [&x, &y, &z];
         let f = self.products.slope(l, at).0;
-        let d = l.div(f, slope(l, self.products, self.rule, at));
+        let d = l.mul(f, scale(l, self.products, self.rule, at));
         let w = l.splat(self.rule.half_width);
         let minus = l.splat(-self.rule.half_width);
         l.store(l.min(l.max(d, minus), w), self.out);
+    }
+}
+
+/// Bounds of the sum in eight boxes, to single precision.
+pub(super) struct RangeWork<'a> {
+    pub products: &'a Products,
+    pub periods: &'a Periods,
+    /// Radians per world unit along each axis.
+    pub turn: &'a [f32; 3],
+    /// Least and greatest coordinates of the boxes, by axis.
+    pub min: [[f64; 8]; 3],
+    pub max: [[f64; 8]; 3],
+}
+
+impl Work for RangeWork<'_> {
+    type Output = [[f32; 8]; 2];
+    #[inline(always)]
+    fn run<L: Lanes>(self, l: L) -> [[f32; 8]; 2] {
+        let (periods, room) = (self.periods, &self.periods.room);
+        let (mut parts, mut halves) = ([[0.0; 8]; 3], [[0.0; 8]; 3]);
+        for axis in 0..3 {
+            let (least, greatest) = (l.all_four(room.min[axis]), l.all_four(room.max[axis]));
+            for half in [0, 4] {
+                let [mut a, mut b] = [[0.0; 4]; 2];
+                a.copy_from_slice(&self.min[axis][half..half + 4]);
+                b.copy_from_slice(&self.max[axis][half..half + 4]);
+                let a = l.min_four(l.max_four(l.four(a), least), greatest);
+                let b = l.min_four(l.max_four(l.four(b), least), greatest);
+                let centre = l.mul_four(l.add_four(a, b), l.all_four(0.5));
+                let part = periods.part(l, axis, centre);
+                parts[axis][half..half + 4].copy_from_slice(&part);
+                let width = l.mul_four(l.sub_four(b, a), l.all_four(0.5));
+                halves[axis][half..half + 4].copy_from_slice(&l.singles(width));
+            }
+        }
+        let x = self.products.along(l, &parts[0]);
+        let y = self.products.along(l, &parts[1]);
+        let z = self.products.along(l, &parts[2]);
+        let mut half = [l.splat(0.0); 3];
+        for axis in 0..3 {
+            half[axis] = l.mul(l.load(&halves[axis]), l.splat(self.turn[axis]));
+        }
+        let (lo, hi) = self.products.raw_ranges(l, [&x, &y, &z], half);
+        let mut both = [[0.0; 8]; 2];
+        l.store(lo, &mut both[0]);
+        l.store(hi, &mut both[1]);
+        both
     }
 }
 
