@@ -178,10 +178,11 @@ pub trait Field: Send + Sync {
         lattice.len() as u64
     }
 
-    /// Where values on a lattice are negative, into `negative` of length `lattice.len()`: for fields
-    /// that know a sign sooner than a value. Returns at how many points the field was looked at.
-    fn signs(&self, lattice: &SampleLattice<Self::Point>, negative: &mut [bool]) -> u64 {
-        signs_of_values(self, lattice, negative)
+    /// Where values on a lattice of at most 64 samples along z are negative: bit `k` of `rows[i ny + j]`
+    /// for sample (i, j, k). For fields that know a sign sooner than a value. Returns at how many points
+    /// the field was looked at.
+    fn signs(&self, lattice: &SampleLattice<Self::Point>, rows: &mut [u64]) -> u64 {
+        signs_of_values(self, lattice, rows)
     }
 }
 
@@ -189,12 +190,13 @@ pub trait Field: Send + Sync {
 pub(crate) fn signs_of_values<F: Field + ?Sized>(
     field: &F,
     lattice: &SampleLattice<F::Point>,
-    negative: &mut [bool],
+    rows: &mut [u64],
 ) -> u64 {
-    let mut values = vec![0.0; negative.len()];
+    let mut values = vec![0.0; lattice.len()];
     let looked = field.fill_counting(lattice, &mut values);
-    for (negative, v) in negative.iter_mut().zip(values) {
-        *negative = v < 0.0;
+    for (row, values) in rows.iter_mut().zip(values.chunks(lattice.counts[2].max(1))) {
+        let bits = values.iter().enumerate();
+        *row = bits.fold(0, |row, (k, &v)| row | u64::from(v < 0.0) << k);
     }
     looked
 }

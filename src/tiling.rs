@@ -447,10 +447,10 @@ impl<F: Filling> Field for TiledSolid<'_, F> {
         }
     }
 
-    fn signs(&self, lattice: &SampleLattice<WorldPoint>, negative: &mut [bool]) -> u64 {
+    fn signs(&self, lattice: &SampleLattice<WorldPoint>, rows: &mut [u64]) -> u64 {
         match &self.aligned {
-            Some(aligned) if aligned.signs(lattice, negative) => lattice.len() as u64,
-            _ => signs_of_values(self, lattice, negative),
+            Some(aligned) if aligned.signs(lattice, rows) => lattice.len() as u64,
+            _ => signs_of_values(self, lattice, rows),
         }
     }
 }

@@ -91,15 +91,18 @@ impl Neighbourhood {
         }
     }
 
-    /// Enters one sample, by its indices in the neighbourhood (0 to 9).
-    pub fn enter_sample(&mut self, [x, y, z]: [usize; 3], negative: bool) {
-        // Of the 30 places along an axis those of the leaf itself are 8 to 15.
-        let (y, z) = (y + 7, z + 7);
-        let across = 3 * (y >> 3) + (z >> 3);
-        let bit = 1 << (8 * (y & 7) + (z & 7));
-        self.known[x][across] |= bit;
-        if negative {
-            self.negative[x][across] |= bit;
+    /// Enters a row of samples along z, by the indices (0 to 9) of the first of them; bits set where they
+    /// are negative.
+    pub fn enter_row(&mut self, [x, y, z]: [usize; 3], count: usize, negative: u64) {
+        // Of the 24 places along z those of the leaf itself are 8 to 15, and along y.
+        let (z, y) = (z + 7, y + 7);
+        let known = ((1u64 << count) - 1) << z;
+        let negative = negative << z & known;
+        let (across, shift) = (3 * (y >> 3), 8 * (y & 7));
+        for part in 0..3 {
+            let byte = |bits: u64| (bits >> (8 * part) & ROW) << shift;
+            self.known[x][across + part] |= byte(known);
+            self.negative[x][across + part] |= byte(negative);
         }
     }
 

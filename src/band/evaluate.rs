@@ -328,16 +328,14 @@ fn enter_layer(
         step: h,
         counts,
     };
-    let mut negative = [false; SPAN * SPAN];
-    let looked = culler.field.signs(&lattice, &mut negative);
-    for (n, &is_negative) in negative.iter().enumerate() {
-        let mut i = [
-            n / (counts[1] * counts[2]),
-            n / counts[2] % counts[1],
-            n % counts[2],
-        ];
-        i[axis] = (outside + 1) as usize;
-        near.enter_sample(i, is_negative);
+    let mut rows = [0; SPAN * SPAN];
+    let rows = &mut rows[..counts[0] * counts[1]];
+    let looked = culler.field.signs(&lattice, rows);
+    let mut first = [0; 3];
+    first[axis] = (outside + 1) as usize;
+    let places = (0..counts[0]).flat_map(|i| (0..counts[1]).map(move |j| (i, j)));
+    for ((i, j), &row) in places.zip(&*rows) {
+        near.enter_row([first[0] + i, first[1] + j, first[2]], counts[2], row);
     }
     looked
 }

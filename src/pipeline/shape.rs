@@ -327,16 +327,10 @@ impl Field for Shifted<'_> {
         self.field
             .fill_counting(&crate::field::SampleLattice { origin, ..*lattice }, out)
     }
-    fn signs(
-        &self,
-        lattice: &crate::field::SampleLattice<Self::Point>,
-        negative: &mut [bool],
-    ) -> u64 {
+    fn signs(&self, lattice: &crate::field::SampleLattice<Self::Point>, rows: &mut [u64]) -> u64 {
         let origin = crate::frame::WorldPoint(lattice.origin.0 + self.by);
-        self.field.signs(
-            &crate::field::SampleLattice { origin, ..*lattice },
-            negative,
-        )
+        self.field
+            .signs(&crate::field::SampleLattice { origin, ..*lattice }, rows)
     }
 }
 
@@ -370,7 +364,7 @@ impl<F: Field> Field for Borrowed<'_, F> {
     ) -> u64 {
         self.0.fill_counting(lattice, out)
     }
-    fn signs(&self, lattice: &crate::field::SampleLattice<F::Point>, negative: &mut [bool]) -> u64 {
-        self.0.signs(lattice, negative)
+    fn signs(&self, lattice: &crate::field::SampleLattice<F::Point>, rows: &mut [u64]) -> u64 {
+        self.0.signs(lattice, rows)
     }
 }

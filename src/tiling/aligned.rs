@@ -18,7 +18,9 @@ use crate::lanes;
 use crate::scaffold::Scaffold;
 
 mod kernel;
-use kernel::{EVERY, LeafWork, Nodes, Periods, RangeWork, RowWork, Rows, Rule, SignWork, WIDEST};
+use kernel::{
+    CutWork, EVERY, LeafWork, Nodes, Periods, RangeWork, RowWork, Rows, Rule, SignWork, WIDEST,
+};
 
 /// Root mean square, in voxels, by which interpolated scales may change distances in the band.
 const TOLERANCE: f64 = 0.0025;
@@ -341,65 +343,58 @@ impl Aligned {
 
     /// Where values on a lattice are negative, without asking how large they are; false if the lattice
     /// is too wide for that.
-    pub fn signs(&self, lattice: &SampleLattice<WorldPoint>, negative: &mut [bool]) -> bool {
-        if lattice.counts.into_iter().any(|n| n > WIDEST) {
+    pub fn signs(&self, lattice: &SampleLattice<WorldPoint>, rows: &mut [u64]) -> bool {
+        let counts = lattice.counts;
+        if counts.into_iter().any(|n| n > WIDEST) {
             return false;
         }
         let (_, greatest) = self.box_range(&lattice.span());
         lanes::run(SignWork {
             products: &self.products,
             periods: &self.periods,
-            rows: Rows {
+            at: Rows {
                 origin: lattice.origin.0,
                 step: lattice.step,
                 clamp: greatest > 0.0,
             },
-            counts: lattice.counts,
-            out: &mut *negative,
+            counts,
+            rows: &mut *rows,
         });
         if self.is_cut() && greatest >= 0.0 {
-            for (n, negative) in negative.iter_mut().enumerate() {
-                *negative &= self.to_box(lattice.point(n).0) < 0.0;
+            let is_inside = |axis: usize, n: usize| self.place(lattice, axis, n) < 0.0;
+            let along_z = (0..counts[2]).fold(0, |row, k| row | u64::from(is_inside(2, k)) << k);
+            for (i, rows) in rows.chunks_mut(counts[1]).enumerate() {
+                let x = is_inside(0, i);
+                for (j, row) in rows.iter_mut().enumerate() {
+                    *row &= if x && is_inside(1, j) { along_z } else { 0 };
+                }
             }
         }
         true
     }
 
+    /// How far outside the box a lattice's coordinate lies.
+    fn place(&self, lattice: &SampleLattice<WorldPoint>, axis: usize, n: usize) -> f64 {
+        self.beyond(axis, lattice.origin.0[axis] + lattice.step * n as f64)
+    }
+
     /// Cuts the values off at the box.
     fn cut(&self, lattice: &SampleLattice<WorldPoint>, out: &mut [f32]) {
         let w = self.options.half_width as f32;
-        let [nx, ny, nz] = lattice.counts;
-        let beyond = |axis: usize, n: usize| {
-            let x = lattice.origin.0[axis] + lattice.step * n as f64;
-            self.beyond(axis, x) as f32
-        };
-        for first in (0..nz).step_by(8) {
-            let zs: [f32; 8] = std::array::from_fn(|n| beyond(2, first + n));
-            for i in 0..nx {
-                let x = beyond(0, i);
-                for j in 0..ny {
-                    let y = beyond(1, j);
-                    let from = (i * ny + j) * nz + first;
-                    let row = &mut out[from..][..8.min(nz - first)];
-                    cut_row([x, y], &zs, w, row);
-                }
-            }
+        if let Some(leaf) = out.as_chunks_mut::<8>().0.first_chunk_mut()
+            && lattice.counts == [8; 3]
+        {
+            let along = |axis| std::array::from_fn(|n| self.place(lattice, axis, n) as f32);
+            lanes::run(CutWork {
+                beyond: [along(0), along(1), along(2)],
+                half_width: w,
+                out: leaf,
+            });
+            return;
         }
-    }
-}
-
-/// Cuts a row off at a box, of which are known how far outside its coordinates lie along each axis.
-fn cut_row([x, y]: [f32; 2], zs: &[f32; 8], w: f32, row: &mut [f32]) {
-    let greater = |a: f32, b: f32| if a > b { a } else { b };
-    let lesser = |a: f32, b: f32| if a < b { a } else { b };
-    let (ox, oy) = (greater(x, 0.0), greater(y, 0.0));
-    let (across, outside) = (greater(x, y), ox * ox + oy * oy);
-    let to_box = zs.map(|z| {
-        let oz = greater(z, 0.0);
-        (outside + oz * oz).sqrt() + lesser(greater(across, z), 0.0)
-    });
-    for (v, d) in row.iter_mut().zip(to_box) {
-        *v = lesser(greater(*v, d), w);
+        for (n, v) in out.iter_mut().enumerate() {
+            *v = v.max(self.to_box(lattice.point(n).0) as f32).min(w);
+        }
     }
 }
 

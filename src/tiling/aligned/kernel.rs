@@ -433,14 +433,16 @@ impl Work for RangeWork<'_> {
 /// Most samples along an axis of a lattice whose signs are asked for.
 pub(super) const WIDEST: usize = 16;
 
-/// Where the samples of a lattice lie inside, the box not regarded.
+/// Where the samples of a lattice lie inside, the box not regarded: as [`Field::signs`].
+///
+/// [`Field::signs`]: crate::field::Field::signs
 pub(super) struct SignWork<'a> {
     pub products: &'a Products,
     pub periods: &'a Periods,
-    pub rows: Rows,
+    pub at: Rows,
     /// At most [`WIDEST`].
     pub counts: [usize; 3],
-    pub out: &'a mut [bool],
+    pub rows: &'a mut [u64],
 }
 
 impl Work for SignWork<'_> {
@@ -450,36 +452,72 @@ impl Work for SignWork<'_> {
         let Self {
             products,
             periods,
-            rows,
+            at,
             counts,
-            out,
+            rows,
         } = self;
         let mut tables = [[[[0.0; 8]; FUNCTIONS]; 2]; 3];
         for axis in 0..3 {
             for (half, steps) in [&EACH, &BEHIND].into_iter().enumerate() {
                 if 8 * half < counts[axis] {
-                    let parts = periods.parts(l, axis, &rows, steps);
+                    let parts = periods.parts(l, axis, &at, steps);
                     tables[axis][half] = stored(l, &products.along(l, &parts));
                 }
             }
         }
-        let strides = [counts[1] * counts[2], counts[2], 1];
+        let zero = l.splat(0.0);
         // Eight at a time along the longer of the last two axes.
-        let along = if counts[2] >= counts[1] { 2 } else { 1 };
-        let across = 3 - along;
-        for i in 0..counts[0] {
-            for j in 0..counts[across] {
-                let mut at = [i; 3];
-                at[across] = j;
-                for half in 0..counts[along].div_ceil(8) {
-                    let values = products.line(l, along, &tables, at, half);
-                    let negative = l.below(values, l.splat(0.0));
-                    for k in 8 * half..counts[along].min(8 * half + 8) {
-                        let n = i * strides[0] + j * strides[across] + k * strides[along];
-                        out[n] = negative >> (k & 7) & 1 == 1;
+        if counts[2] >= counts[1] {
+            for (n, row) in rows.iter_mut().enumerate() {
+                let at = [n / counts[1], n % counts[1], 0];
+                let low = products.line(l, 2, &tables, at, 0);
+                *row = u64::from(l.below(low, zero));
+                if counts[2] > 8 {
+                    let high = products.line(l, 2, &tables, at, 1);
+                    *row |= u64::from(l.below(high, zero)) << 8;
+                }
+                *row &= (1 << counts[2]) - 1;
+            }
+            return;
+        }
+        rows.fill(0);
+        for (i, rows) in rows.chunks_mut(counts[1]).enumerate() {
+            for k in 0..counts[2] {
+                for (half, rows) in rows.chunks_mut(8).enumerate() {
+                    let values = products.line(l, 1, &tables, [i, 0, k], half);
+                    let bits = u64::from(l.below(values, zero));
+                    for (j, row) in rows.iter_mut().enumerate() {
+                        *row |= (bits >> j & 1) << k;
                     }
                 }
             }
+        }
+    }
+}
+
+/// A leaf to be cut off at the box.
+pub(super) struct CutWork<'a> {
+    /// How far outside the box the samples' coordinates lie, by axis.
+    pub beyond: [[f32; 8]; 3],
+    pub half_width: f32,
+    pub out: &'a mut [[f32; 8]; 64],
+}
+
+impl Work for CutWork<'_> {
+    type Output = ();
+    #[inline(always)]
+    fn run<L: Lanes>(self, l: L) {
+        let [xs, ys, zs] = &self.beyond;
+        let (zero, w) = (l.splat(0.0), l.splat(self.half_width));
+        let z = l.load(zs);
+        let oz = l.max(z, zero);
+        for (n, row) in self.out.iter_mut().enumerate() {
+            let (x, y) = (xs[n >> 3 & 7], ys[n & 7]);
+            let (ox, oy) = (x.max(0.0), y.max(0.0));
+            let across = l.max(l.splat(x.max(y)), z);
+            let outside = l.add(l.splat(ox * ox + oy * oy), l.mul(oz, oz));
+            let to_box = l.add(l.sqrt(outside), l.min(across, zero));
+            l.store(l.min(l.max(l.load(row), to_box), w), row);
         }
     }
 }

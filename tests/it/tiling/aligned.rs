@@ -142,11 +142,14 @@ fn signs_are_those_of_the_values() {
                     counts: shapes[n as usize % shapes.len()],
                 };
                 let mut values = vec![0f32; lattice.len()];
-                let mut negative = vec![false; lattice.len()];
+                let [nx, ny, nz] = lattice.counts;
+                let mut rows = vec![0; nx * ny];
                 solid.fill(&lattice, &mut values);
-                let looked = solid.signs(&lattice, &mut negative);
+                let looked = solid.signs(&lattice, &mut rows);
                 assert_eq!(looked, lattice.len() as u64);
-                for (m, (&v, &sign)) in values.iter().zip(&negative).enumerate() {
+                assert!(rows.iter().all(|r| r >> nz == 0));
+                for (m, &v) in values.iter().enumerate() {
+                    let sign = rows[m / nz] >> (m % nz) & 1 == 1;
                     let is_clear = f64::from(v.abs()) > 1e-4 * h;
                     assert!(
                         !is_clear || (v < 0.0) == sign,
