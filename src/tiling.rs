@@ -54,7 +54,7 @@ pub use path::{PathCheck, check_path};
 pub use source::{CellField, Filling, fills};
 
 use near::{Known, Local};
-use patch::Patch;
+use patch::{Patch, Search};
 
 /// How distances are measured across element faces.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -313,7 +313,7 @@ impl<'a, F: Filling> TiledSolid<'a, F> {
                 let theirs = self.component_of[other as usize];
                 let inside = || {
                     self.patches[other as usize]
-                        .spot(self.scaffold, centre, 0.0, None)
+                        .spot(self.scaffold, centre, 0.0, Search::default())
                         .is_some_and(|s| s.beyond <= 0.0)
                 };
                 if theirs != own && inside() {

@@ -38,6 +38,10 @@ pub(super) struct Manners {
     /// Treat warnings as errors.
     #[arg(long, global = true, help_heading = "Manners")]
     strict: bool,
+    /// Use no instructions that only some processors have: the same bytes from the same .cell on all of
+    /// them, more slowly.
+    #[arg(long, global = true, help_heading = "Manners")]
+    portable: bool,
 }
 
 /// When to colour messages.
@@ -75,6 +79,9 @@ pub(super) struct Session {
 
 impl Session {
     pub(super) fn new(manners: Manners) -> Self {
+        if manners.portable {
+            crate::lanes::use_portable_code();
+        }
         let terminal = std::io::stderr().is_terminal();
         let style = match manners.progress {
             _ if manners.quiet => Style::None,

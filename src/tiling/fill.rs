@@ -3,7 +3,7 @@
 use super::batch::{Batch, Target};
 use super::near::{Known, Local};
 use super::{Distance, Filling, TiledSolid};
-use crate::field::{Field, SampleLattice};
+use crate::field::{Field, Point, SampleLattice};
 use crate::frame::{Aabb, Vec3, WorldPoint};
 use std::cell::Cell;
 
@@ -84,7 +84,7 @@ impl<F: Filling> TiledSolid<'_, F> {
         }
         let reached = span.dilated(self.reach(whole_depth.hi));
         let wide = self.near(component, &reached, self.margin());
-        let mut local = Local::empty();
+        let mut local = Local::rough();
         for part in parts(lattice) {
             let region = part.span(lattice);
             let depth = if whole_depth.hi <= -w {
@@ -162,18 +162,26 @@ impl PartOfLattice {
 }
 
 impl PartOfLattice {
-    /// Its samples by blocks, each in storage order; blocks that are left over are empty.
+    /// Its samples by blocks, each in storage order.
     fn blocks(&self, lattice: &SampleLattice<WorldPoint>, blocks: &mut Vec<Vec<Target>>) {
         let [_, ny, nz] = lattice.counts;
-        let count = |a: usize| (self.last[a] - self.first[a]) / BLOCK + 1;
-        blocks.resize_with(count(0) * count(1) * count(2), Vec::new);
-        for block in blocks.iter_mut() {
-            block.clear();
-        }
-        for n in self.indices(lattice) {
-            let at = [n / (ny * nz), n / nz % ny, n % nz];
-            let [i, j, k] = [0, 1, 2].map(|a| (at[a] - self.first[a]) / BLOCK);
-            blocks[(i * count(1) + j) * count(2) + k].push((n, lattice.point(n).0));
+        let count = [0, 1, 2].map(|a| (self.last[a] - self.first[a]) / BLOCK + 1);
+        blocks.resize_with(count.iter().product(), Vec::new);
+        let mut blocks = blocks.iter_mut();
+        let along = |a: usize, block: usize| {
+            let first = self.first[a] + BLOCK * block;
+            first..=self.last[a].min(first + BLOCK - 1)
+        };
+        for (bi, bj) in (0..count[0]).flat_map(|i| (0..count[1]).map(move |j| (i, j))) {
+            for (bk, block) in (0..count[2]).zip(&mut blocks) {
+                block.clear();
+                for (i, j) in along(0, bi).flat_map(|i| along(1, bj).map(move |j| (i, j))) {
+                    block.extend(along(2, bk).map(|k| Target {
+                        n: ((i * ny + j) * nz + k) as u32,
+                        x: lattice.origin.stepped(lattice.step, [i, j, k]).0,
+                    }));
+                }
+            }
         }
     }
 }

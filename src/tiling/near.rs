@@ -1,6 +1,6 @@
 //! Which elements matter at a point: its owner, its neighbours, the continuation outside.
 
-use super::patch::{ON_FACE, Patch, Spot};
+use super::patch::{ON_FACE, Patch, Search, Spot};
 use super::{Boundary, CHORD, Distance, Filling, TiledSolid};
 use crate::field::Interval;
 use crate::frame::{Aabb, Mat3, Vec3};
@@ -21,6 +21,8 @@ pub(super) struct Local {
     last: Option<u32>,
     /// The last point that each near element placed, if it is curved.
     trails: Vec<Cell<Option<Trail>>>,
+    /// Whether points are wanted for values in single precision.
+    is_rough: bool,
 }
 
 /// A point as an element has placed it: from there the next one is guessed.
@@ -67,6 +69,7 @@ impl Local {
             near,
             last: None,
             trails,
+            is_rough: false,
         }
     }
 
@@ -75,12 +78,24 @@ impl Local {
         self.trails[place].set(Some(Trail { x, xi, inverse }));
     }
 
-    /// An empty list, to be filled by [`TiledSolid::narrow`].
-    pub fn empty() -> Self {
-        Self::new(Near {
+    /// An empty list, to be filled by [`TiledSolid::narrow`], for values in single precision.
+    pub fn rough() -> Self {
+        let none = Near {
             patches: Vec::new(),
             slope_sup: 0.0,
-        })
+        };
+        Self {
+            is_rough: true,
+            ..Self::new(none)
+        }
+    }
+
+    /// How an element looks for a point.
+    fn search(&self, place: usize, x: Vec3) -> Search {
+        Search {
+            start: self.trails[place].get().map(|t| t.guess(x)),
+            is_rough: self.is_rough,
+        }
     }
 }
 
@@ -143,10 +158,9 @@ impl<F: Filling> TiledSolid<'_, F> {
     pub(super) fn spot(&self, local: &Local, place: usize, x: Vec3, margin: f64) -> Option<Spot> {
         let patch = self.patch(local, place);
         if patch.is_affine() {
-            return patch.spot(self.scaffold, x, margin, None);
+            return patch.spot(self.scaffold, x, margin, Search::default());
         }
-        let start = local.trails[place].get().map(|t| t.guess(x));
-        let spot = patch.spot(self.scaffold, x, margin, start)?;
+        let spot = patch.spot(self.scaffold, x, margin, local.search(place, x))?;
         local.note(place, x, &spot);
         Some(spot)
     }
@@ -159,8 +173,7 @@ impl<F: Filling> TiledSolid<'_, F> {
         if let Some(place) = last {
             // Well inside one element no other can contain the point.
             let patch = self.patch(local, place);
-            let start = local.trails[place].get().map(|t| t.guess(x));
-            if let Some(spot) = patch.inside(self.scaffold, x, start) {
+            if let Some(spot) = patch.inside(self.scaffold, x, local.search(place, x)) {
                 if !patch.is_affine() {
                     local.note(place, x, &spot);
                 }

@@ -37,6 +37,15 @@ pub(super) struct Patch {
     least_stretch: f64,
 }
 
+/// How a point is looked for in a curved element.
+#[derive(Clone, Copy, Default)]
+pub(super) struct Search {
+    /// Where Newton's method starts.
+    pub start: Option<Vec3>,
+    /// Whether an error of some 1e-8 of the cell will do outside: for values in single precision.
+    pub is_rough: bool,
+}
+
 /// Where a point lies as an element sees it. Outside the element the map is continued: linearly from
 /// the point `inner` of the closed reference cell, so that the continuation meets the map at the
 /// faces. (An affine map is its own continuation.)
@@ -142,43 +151,33 @@ impl Patch {
         })
     }
 
-    /// Where `x` lies, if it may be less than `margin` world units outside; Newton starts at `start`.
-    pub fn spot(
-        &self,
-        scaffold: &Scaffold,
-        x: Vec3,
-        margin: f64,
-        start: Option<Vec3>,
-    ) -> Option<Spot> {
+    /// Where `x` lies, if it may be less than `margin` world units outside.
+    pub fn spot(&self, scaffold: &Scaffold, x: Vec3, margin: f64, search: Search) -> Option<Spot> {
         if self.is_beyond(x, margin) {
             return None;
         }
         match &self.inverse {
             Inverse::Affine { matrix, centre } => Some(self.affine_spot(matrix, centre, x)),
             Inverse::Curved { matrix, centre } => {
-                let guess = self.clamp(start.unwrap_or_else(|| matrix * (x - centre)));
-                self.newton(scaffold, x, guess)
-                    .or_else(|| self.newton(scaffold, x, Vec3::zeros()))
-                    .or_else(|| {
-                        self.shape
-                            .vertices()
-                            .into_iter()
-                            .find_map(|v| self.newton(scaffold, x, v))
-                    })
+                let guess = search.start.unwrap_or_else(|| matrix * (x - centre));
+                let from = |start: Vec3| self.newton(scaffold, x, start, search.is_rough);
+                from(self.clamp(guess))
+                    .or_else(|| from(Vec3::zeros()))
+                    .or_else(|| self.shape.vertices().into_iter().find_map(from))
             }
         }
     }
 
-    /// Where `x` lies if it is well inside the element, off its faces; Newton starts at `start`.
-    pub fn inside(&self, scaffold: &Scaffold, x: Vec3, start: Option<Vec3>) -> Option<Spot> {
+    /// Where `x` lies if it is well inside the element, off its faces.
+    pub fn inside(&self, scaffold: &Scaffold, x: Vec3, search: Search) -> Option<Spot> {
         let spot = match &self.inverse {
             Inverse::Affine { matrix, centre } => self.affine_spot(matrix, centre, x),
             Inverse::Curved { matrix, centre } => {
                 if self.is_beyond(x, 0.0) {
                     return None;
                 }
-                let guess = start.unwrap_or_else(|| matrix * (x - centre));
-                self.newton(scaffold, x, self.clamp(guess))?
+                let guess = search.start.unwrap_or_else(|| matrix * (x - centre));
+                self.newton(scaffold, x, self.clamp(guess), search.is_rough)?
             }
         };
         (spot.beyond < -ON_FACE).then_some(spot)
@@ -196,7 +195,7 @@ impl Patch {
 
     /// The spot of any point, by the affine map at the centroid if all else fails.
     pub fn spot_anyway(&self, scaffold: &Scaffold, x: Vec3) -> Spot {
-        self.spot(scaffold, x, f64::INFINITY, None)
+        self.spot(scaffold, x, f64::INFINITY, Search::default())
             .unwrap_or_else(|| {
                 let (Inverse::Affine { matrix, centre } | Inverse::Curved { matrix, centre }) =
                     &self.inverse;
@@ -205,7 +204,7 @@ impl Patch {
     }
 
     /// Newton's method for the continued map: steps from points of the closed cell, clamped back.
-    fn newton(&self, scaffold: &Scaffold, x: Vec3, guess: Vec3) -> Option<Spot> {
+    fn newton(&self, scaffold: &Scaffold, x: Vec3, guess: Vec3, is_rough: bool) -> Option<Spot> {
         const STEPS: usize = 40;
         let element = scaffold.element(self.number);
         let mut at = guess;
@@ -218,7 +217,9 @@ impl Patch {
             let moved = (next - at).amax();
             // Inside, convergence is quadratic: the next step would be the square of this one.
             // Outside it is linear, each step a small share (curvature times overshoot) of the last.
-            let settled = if beyond > 0.0 { 1e-9 } else { 1e-6 };
+            // On the faces the last digit decides who owns a point.
+            let is_exact = beyond > 0.0 && !(is_rough && beyond > 1e-3);
+            let settled = if is_exact { 1e-9 } else { 1e-6 };
             if moved < settled {
                 return Some(Spot {
                     xi,
@@ -249,31 +250,52 @@ impl Patch {
     /// How deep a point of the element lies under its faces, world units: 0 on the faces.
     pub fn depth(&self, x: Vec3, spot: &Spot) -> f64 {
         match &self.inverse {
-            Inverse::Affine { .. } => -self.outside_walls(x),
-            Inverse::Curved { .. } => -spot.beyond * self.least_stretch,
+            Inverse::Affine { .. } => self.affine_depth(x),
+            Inverse::Curved { .. } => (-spot.beyond * self.least_stretch).max(0.0),
         }
-        .max(0.0)
     }
 
-    /// Follows the element's own map from `spot` by `step` in world space, to the point `to`.
-    pub fn follow(&self, scaffold: &Scaffold, spot: &Spot, step: Vec3, to: Vec3) -> Spot {
-        let ahead = spot.xi + spot.inverse * step;
+    /// Follows the element's own map from reference coordinates, with d xi / d x there, by `step` in world
+    /// space, to the point `to`; gives d xi / d x there too, if it is not the same everywhere.
+    pub fn follow(
+        &self,
+        scaffold: &Scaffold,
+        (xi, inverse): (Vec3, &Mat3),
+        step: Vec3,
+        to: Vec3,
+    ) -> (Vec3, Option<Mat3>) {
+        let ahead = xi + inverse * step;
         match &self.inverse {
-            Inverse::Affine { .. } => Spot { xi: ahead, ..*spot },
+            Inverse::Affine { .. } => (ahead, None),
             Inverse::Curved { .. } => {
                 // One Newton step, from the clamped point so that the Jacobian is regular.
                 let from = self.clamp(ahead);
                 let (p, jacobian) = scaffold
                     .element(self.number)
                     .map_and_jacobian(CellPoint(from));
-                let inverse = jacobian.try_inverse().unwrap_or(spot.inverse);
-                Spot {
-                    xi: from + inverse * (to - p.0),
-                    inverse,
-                    ..*spot
-                }
+                let there = jacobian.try_inverse().unwrap_or(*inverse);
+                (from + there * (to - p.0), Some(there))
             }
         }
+    }
+
+    /// d xi / d x: that of the whole element, or if it is curved, what is found at a point.
+    pub fn inverse<'a>(&'a self, found: Option<&'a Mat3>) -> &'a Mat3 {
+        let (Inverse::Affine { matrix, .. } | Inverse::Curved { matrix, .. }) = &self.inverse;
+        found.unwrap_or(matrix)
+    }
+
+    /// Reference coordinates of a point, if the map is affine.
+    pub fn affine_point(&self, x: Vec3) -> Option<Vec3> {
+        match &self.inverse {
+            Inverse::Affine { matrix, centre } => Some(matrix * (x - centre)),
+            Inverse::Curved { .. } => None,
+        }
+    }
+
+    /// [`Self::depth`] in an affine element.
+    pub fn affine_depth(&self, x: Vec3) -> f64 {
+        (-self.outside_walls(x)).max(0.0)
     }
 
     /// Its number in the scaffold.

@@ -73,8 +73,11 @@ impl<F: Filling> TiledSolid<'_, F> {
         let mut advance = self.advance(patch, slope);
         if advance.goes_on() {
             let step = advance.step;
-            let ahead = patch.follow(self.scaffold, spot, step, x + step);
-            let slope = self.slope(patch.number() as u32, &ahead);
+            let from = (spot.xi, &spot.inverse);
+            let (xi, there) = patch.follow(self.scaffold, from, step, x + step);
+            let at = CellPoint(xi);
+            let (f, g) = self.filling.value_and_gradient(patch.number(), at);
+            let slope = (f, patch.inverse(there.as_ref()).tr_mul(&g));
             advance.arrive(self.step(patch, slope));
         }
         advance.scale(patch)

@@ -2,6 +2,7 @@
 
 mod cells;
 mod hybrid;
+mod portable;
 
 use std::fs;
 use std::path::{Path, PathBuf};
