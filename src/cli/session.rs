@@ -11,6 +11,7 @@ use std::io::IsTerminal;
 use std::str::FromStr;
 
 /// Flags that every command understands.
+#[allow(clippy::struct_excessive_bools)] // Each is a flag of its own.
 #[derive(Args)]
 pub(super) struct Manners {
     /// Print exactly one JSON object on stdout.
