@@ -18,9 +18,9 @@ use crate::lanes;
 use crate::scaffold::Scaffold;
 
 mod kernel;
-use kernel::{
-    CutWork, EVERY, LeafWork, Nodes, Periods, RangeWork, RowWork, Rows, Rule, SignWork, WIDEST,
-};
+mod periods;
+use kernel::{CutWork, EVERY, LeafWork, Nodes, RangeWork, RowWork, Rule, SignWork, WIDEST};
+use periods::{Periods, Rows};
 
 /// Root mean square, in voxels, by which interpolated scales may change distances in the band.
 const TOLERANCE: f64 = 0.0025;

@@ -56,8 +56,8 @@ const MAY_USE: &[(&str, &[&str])] = &[
     (
         "cli",
         &[
-            "frame", "progress", "field", "mesh", "cell", "scaffold", "slice", "vdb", "io",
-            "recipe", "pipeline", "symmetry", "polymesh",
+            "frame", "lanes", "progress", "field", "mesh", "cell", "scaffold", "slice", "vdb",
+            "io", "recipe", "pipeline", "symmetry", "polymesh",
         ],
     ),
 ];
