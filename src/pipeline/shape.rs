@@ -315,6 +315,13 @@ impl Field for Shifted<'_> {
             max: region.max + self.by,
         })
     }
+    fn bounds(&self, regions: &[Aabb; 8]) -> Option<[crate::field::Interval; 8]> {
+        let moved = regions.map(|r| Aabb {
+            min: r.min + self.by,
+            max: r.max + self.by,
+        });
+        self.field.bounds(&moved)
+    }
     fn fill(&self, lattice: &crate::field::SampleLattice<Self::Point>, out: &mut [f32]) {
         self.fill_counting(lattice, out);
     }

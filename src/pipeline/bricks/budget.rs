@@ -11,7 +11,7 @@ use std::path::Path;
 const LARGEST: u32 = 8;
 /// Memory beside the bricks: reading ahead, buffers of files, what the allocator keeps.
 const ASIDE: f64 = (64u64 << 20) as f64;
-/// Memory of a thread that samples: a full block twice.
+/// Memory of a thread that samples: far more than two stretches of leaves, for what fields keep.
 const PER_THREAD: f64 = (24u64 << 20) as f64;
 /// Memory that a block on disk keeps.
 const PER_BLOCK: f64 = 1300.0;

@@ -33,7 +33,7 @@ pub(super) struct Rule {
     pub turn: [f32; 3],
 }
 
-/// How slopes are found: at so many nodes along each axis, from there to the samples.
+/// How scales are found: at so many nodes along each axis, from there to the samples.
 #[derive(Clone, Debug)]
 pub(super) struct Nodes {
     pub count: usize,

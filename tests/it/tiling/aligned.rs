@@ -164,6 +164,58 @@ fn signs_are_those_of_the_values() {
 }
 
 #[test]
+fn eight_bounds_at_once_hold_and_are_as_sharp_as_single_ones() {
+    let size = Vec3::new(2.0, 2.3, 1.8);
+    let hexes = Scaffold::box_grid(size, [2, 2, 2], Kind::Hex8).unwrap();
+    let h = 0.025;
+    for cell in cells() {
+        let table = Table::new(&cell).unwrap();
+        for boundary in [Boundary::Cut, Boundary::Extend] {
+            let options = TilingOptions {
+                voxel_size: h,
+                half_width: 3.0 * h,
+                distance: Distance::Fast,
+                boundary,
+            };
+            let solid = TiledSolid::new(&hexes, &table, options).unwrap();
+            for n in 0..60u32 {
+                // Eight cubes of 1 to 12 voxels, some of them out of the box.
+                let regions: [Aabb; 8] = std::array::from_fn(|m| {
+                    let spread =
+                        Vec3::new(0.819_17, 0.671_04, 0.549_70) * f64::from(8 * n + m as u32);
+                    let min = spread.map(f64::fract).component_mul(&size.add_scalar(0.4));
+                    let min = min.add_scalar(-0.2);
+                    Aabb {
+                        min,
+                        max: min.add_scalar(h * f64::from(1 + n % 12)),
+                    }
+                });
+                let bounds = Field::bounds(&solid, &regions).unwrap();
+                for (region, bound) in regions.iter().zip(bounds) {
+                    let single = solid.bound(region);
+                    let apart = (bound.lo - single.lo)
+                        .abs()
+                        .max((bound.hi - single.hi).abs());
+                    // At the half width a bound may leap by what interpolated scales are off.
+                    assert!(apart < 0.035 * h, "{}: {bound:?} {single:?}", cell.name());
+                    for m in 0..27u32 {
+                        let at = [m / 9, m / 3 % 3, m % 3].map(|i| f64::from(i) / 2.0);
+                        let p = region.min + Vec3::from(at).component_mul(&region.size());
+                        let v = solid.value(WorldPoint(p));
+                        let slack = 1e-9;
+                        assert!(
+                            bound.lo - slack <= v && v <= bound.hi + slack,
+                            "{} {bound:?} {v}",
+                            cell.name()
+                        );
+                    }
+                }
+            }
+        }
+    }
+}
+
+#[test]
 fn bounds_contain_what_the_box_cuts() {
     let scaffold = Scaffold::box_grid(Vec3::repeat(1.0), [1; 3], Kind::Hex8).unwrap();
     let table = Table::new(&Surface::Gyroid.cell(Element::Hex).unwrap()).unwrap();
