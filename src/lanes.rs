@@ -9,7 +9,9 @@
 
 #[cfg(target_arch = "x86_64")]
 mod fast;
+mod number;
 mod plain;
+pub use number::{Four, Number};
 pub use plain::Plain;
 
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -68,6 +70,14 @@ pub trait Lanes: Copy {
     fn sub_four(self, a: Self::D, b: Self::D) -> Self::D;
     /// a b.
     fn mul_four(self, a: Self::D, b: Self::D) -> Self::D;
+    /// a / b.
+    fn div_four(self, a: Self::D, b: Self::D) -> Self::D;
+    /// a b + c, fused where that is one instruction.
+    fn fused_four(self, a: Self::D, b: Self::D, c: Self::D) -> Self::D;
+    /// Square root.
+    fn sqrt_four(self, a: Self::D) -> Self::D;
+    /// x where a < b, else y.
+    fn select_below_four(self, a: Self::D, b: Self::D, x: Self::D, y: Self::D) -> Self::D;
     /// The lesser.
     fn min_four(self, a: Self::D, b: Self::D) -> Self::D;
     /// The greater.
@@ -76,6 +86,8 @@ pub trait Lanes: Copy {
     fn floor_four(self, v: Self::D) -> Self::D;
     /// 1 or -1, with the sign.
     fn sign_four(self, v: Self::D) -> Self::D;
+    /// To memory.
+    fn doubles(self, v: Self::D) -> [f64; 4];
     /// In single precision.
     fn singles(self, v: Self::D) -> [f32; 4];
     /// Of doubles that are integers.

@@ -43,6 +43,7 @@ mod near;
 mod pair;
 mod patch;
 mod path;
+mod place;
 mod scale;
 mod seam;
 mod source;

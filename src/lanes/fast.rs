@@ -105,6 +105,22 @@ impl Lanes for Wide {
         self.0.mul_f64x4(a, b)
     }
     #[inline(always)]
+    fn div_four(self, a: f64x4, b: f64x4) -> f64x4 {
+        self.0.div_f64x4(a, b)
+    }
+    #[inline(always)]
+    fn fused_four(self, a: f64x4, b: f64x4, c: f64x4) -> f64x4 {
+        self.0.mul_add_f64x4(a, b, c)
+    }
+    #[inline(always)]
+    fn sqrt_four(self, a: f64x4) -> f64x4 {
+        self.0.sqrt_f64x4(a)
+    }
+    #[inline(always)]
+    fn select_below_four(self, a: f64x4, b: f64x4, x: f64x4, y: f64x4) -> f64x4 {
+        self.0.select_f64x4(self.0.cmp_lt_f64x4(a, b), x, y)
+    }
+    #[inline(always)]
     fn min_four(self, a: f64x4, b: f64x4) -> f64x4 {
         self.0.min_f64x4(a, b)
     }
@@ -120,6 +136,10 @@ impl Lanes for Wide {
     fn sign_four(self, v: f64x4) -> f64x4 {
         let sign = self.0.and_f64x4(v, self.0.splat_f64x4(-0.0));
         self.0.or_f64x4(sign, self.0.splat_f64x4(1.0))
+    }
+    #[inline(always)]
+    fn doubles(self, v: f64x4) -> [f64; 4] {
+        cast(v)
     }
     #[inline(always)]
     fn singles(self, v: f64x4) -> [f32; 4] {

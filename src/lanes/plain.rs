@@ -97,6 +97,22 @@ impl Lanes for Plain {
         [a[0] * b[0], a[1] * b[1], a[2] * b[2], a[3] * b[3]]
     }
     #[inline(always)]
+    fn div_four(self, a: [f64; 4], b: [f64; 4]) -> [f64; 4] {
+        [a[0] / b[0], a[1] / b[1], a[2] / b[2], a[3] / b[3]]
+    }
+    #[inline(always)]
+    fn fused_four(self, a: [f64; 4], b: [f64; 4], c: [f64; 4]) -> [f64; 4] {
+        self.add_four(self.mul_four(a, b), c)
+    }
+    #[inline(always)]
+    fn sqrt_four(self, a: [f64; 4]) -> [f64; 4] {
+        a.map(f64::sqrt)
+    }
+    #[inline(always)]
+    fn select_below_four(self, a: [f64; 4], b: [f64; 4], x: [f64; 4], y: [f64; 4]) -> [f64; 4] {
+        [0, 1, 2, 3].map(|n| if a[n] < b[n] { x[n] } else { y[n] })
+    }
+    #[inline(always)]
     fn min_four(self, a: [f64; 4], b: [f64; 4]) -> [f64; 4] {
         [
             a[0].min(b[0]),
@@ -124,6 +140,10 @@ impl Lanes for Plain {
     #[inline(always)]
     fn sign_four(self, v: [f64; 4]) -> [f64; 4] {
         v.map(|v| 1f64.copysign(v))
+    }
+    #[inline(always)]
+    fn doubles(self, v: [f64; 4]) -> [f64; 4] {
+        v
     }
     #[inline(always)]
     fn singles(self, v: [f64; 4]) -> [f32; 4] {

@@ -108,7 +108,7 @@ impl Basis {
 }
 
 /// The Bernstein polynomials of degree 1 or 2 on a line, and their derivatives.
-pub(super) fn line(n: usize, t: f64) -> ([f64; 3], [f64; 3]) {
+fn line(n: usize, t: f64) -> ([f64; 3], [f64; 3]) {
     let s = 1.0 - t;
     if n == 1 {
         ([s, t, 0.0], [-1.0, 1.0, 0.0])

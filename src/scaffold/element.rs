@@ -2,6 +2,7 @@
 
 use super::kind::Kind;
 use super::map::{Affine, Geometry, Map};
+use super::polynomial::Polynomial;
 use crate::frame::{Aabb, CellPoint, Element, Mat3, Vec3, WorldPoint};
 
 /// No point of the cell frame near the element maps there.
@@ -86,6 +87,14 @@ impl<'a> ElementMap<'a> {
             Map::Curved(c) => c.evaluate(xi).0,
             Map::Twisted(t) => t.evaluate(xi).0,
         })
+    }
+
+    /// The map in powers of xi; of affine elements and of pyramids there is none.
+    pub fn polynomial(&self) -> Option<&'a Polynomial> {
+        match &self.geometry.map {
+            Map::Curved(c) => Some(&c.polynomial),
+            Map::Affine(_) | Map::Twisted(_) => None,
+        }
     }
 
     /// dx/dxi.

@@ -4,9 +4,10 @@
 //! affine within 1e-12 of their size (every Tet4, straight Tet10, parallelepipeds) take a closed
 //! form; the others invert F by damped Newton steps.
 
-use super::basis::{Basis, line};
+use super::basis::Basis;
 use super::bernstein::{Net, Part, index, lattice};
 use super::kind::{Family, Kind};
+use super::polynomial::{Polynomial, Powers};
 use super::pyramid::Twisted;
 use crate::frame::{Aabb, CellPoint, Mat3, Vec3};
 
@@ -46,12 +47,11 @@ pub(super) struct Curved {
     pub net: Net<Vec3>,
     /// Bounds of the second derivatives of F by xi over the cell, per component; as in [`PAIRS`].
     pub bend: [Vec3; 6],
-    /// The point, the Jacobian and its inverse at the centre, to start Newton's steps.
+    /// The same map in powers of xi.
+    pub polynomial: Polynomial,
+    /// The point and the inverse Jacobian at the centre, to start Newton's steps.
     origin: Vec3,
-    centre: Mat3,
     start: Mat3,
-    /// Derivatives of the Jacobian by xi, constant for a map of degree 2.
-    turn: Option<[Mat3; 3]>,
 }
 
 /// Index pairs of a symmetric second derivative.
@@ -133,82 +133,35 @@ impl Affine {
 
 impl Curved {
     fn new(kind: Kind, net: Net<Vec3>) -> Self {
+        let powers = match (net.family, net.degree) {
+            (_, 1) => Powers::Linear,
+            (Family::Simplex, _) => Powers::Simplex,
+            (Family::Tensor | Family::Prism, _) => Powers::Quadratic,
+        };
+        let polynomial = Polynomial::of(powers, |xi| {
+            let basis = Basis::at(kind, kind.parameters(CellPoint(xi)));
+            let controls = net.coefficients.iter().zip(basis.values);
+            controls.map(|(c, value)| c * value).sum()
+        });
         let bend = bend(kind, &net);
         let mut curved = Self {
             kind,
             net,
+            polynomial,
             bend,
             origin: Vec3::zeros(),
-            centre: Mat3::identity(),
             start: Mat3::identity(),
-            turn: None,
         };
-        (curved.origin, curved.centre) = curved.sum(CellPoint(Vec3::zeros()));
-        curved.start = curved.centre.try_inverse().unwrap_or_else(Mat3::zeros);
-        if curved.net.family == Family::Simplex && curved.net.degree == 2 {
-            curved.turn = Some([0, 1, 2].map(|k| {
-                // Over the width of the cell, for the sake of the last digits.
-                let at = |s: f64| curved.sum(CellPoint(Vec3::ith(k, s))).1;
-                at(0.5) - at(-0.5)
-            }));
-        }
+        let (origin, centre) = curved.evaluate(CellPoint(Vec3::zeros()));
+        curved.origin = origin;
+        curved.start = centre.try_inverse().unwrap_or_else(Mat3::zeros);
         curved
     }
 
     /// The point and the Jacobian dx/dxi.
     pub fn evaluate(&self, xi: CellPoint<3>) -> (Vec3, Mat3) {
-        let Some([a, b, c]) = &self.turn else {
-            return self.sum(xi);
-        };
-        let turned = a * xi.0.x + b * xi.0.y + c * xi.0.z;
-        let x = self.origin + (self.centre + turned * 0.5) * xi.0;
-        (x, self.centre + turned)
-    }
-
-    /// As [`Self::evaluate`], from the control points.
-    fn sum(&self, xi: CellPoint<3>) -> (Vec3, Mat3) {
-        if self.net.family == Family::Tensor {
-            return self.contracted(self.kind.parameters(xi));
-        }
-        let basis = Basis::at(self.kind, self.kind.parameters(xi));
-        let mut x = Vec3::zeros();
-        let mut columns = [Vec3::zeros(); 3];
-        for (i, c) in self.net.coefficients.iter().enumerate() {
-            x += c * basis.values[i];
-            columns[0] += c * basis.slopes[0][i];
-            columns[1] += c * basis.slopes[1][i];
-            columns[2] += c * basis.slopes[2][i];
-        }
-        let by_parameters = Mat3::from_columns(&columns);
-        (x, by_parameters * self.kind.parameters_by_cell())
-    }
-
-    /// The point and the Jacobian of a map of cubes, whose parameters are the cell's coordinates but
-    /// for a shift: one axis summed after the other.
-    fn contracted(&self, r: Vec3) -> (Vec3, Mat3) {
-        let n = self.net.degree;
-        let [(bx, dx), (by, dy), (bz, dz)] = [r.x, r.y, r.z].map(|t| line(n, t));
-        let mut x = Vec3::zeros();
-        let mut columns = [Vec3::zeros(); 3];
-        let mut coefficients = self.net.coefficients.iter();
-        for k in 0..=n {
-            let (mut plane, mut along, mut across) = (Vec3::zeros(), Vec3::zeros(), Vec3::zeros());
-            for j in 0..=n {
-                let (mut row, mut slope) = (Vec3::zeros(), Vec3::zeros());
-                for (i, c) in coefficients.by_ref().take(n + 1).enumerate() {
-                    row += c * bx[i];
-                    slope += c * dx[i];
-                }
-                plane += row * by[j];
-                along += slope * by[j];
-                across += row * dy[j];
-            }
-            x += plane * bz[k];
-            columns[0] += along * bz[k];
-            columns[1] += across * bz[k];
-            columns[2] += plane * dz[k];
-        }
-        (x, Mat3::from_columns(&columns))
+        let (x, rows) = self.polynomial.evaluate::<f64>(xi.0.into());
+        (x.into(), Mat3::from(rows).transpose())
     }
 
     /// The Jacobian dx/dxi as a polynomial over the cell.

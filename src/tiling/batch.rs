@@ -2,10 +2,13 @@
 //!
 //! Blocks of 2^3 samples that lie in one element are first asked at their centre: with L the slope's
 //! bound and R the block's half diagonal, |F| >= L (R + w) there decides all of them. Samples that are
-//! left are asked for their value, those with |F| < L w for gradients, in their owner and in the
-//! elements that share in the blend, there and one step on. What comes out is what single points give.
+//! left are asked for their value; those with |F| < L w are seated in their owner and in the elements
+//! that share in the blend, which are asked for gradients, there and one step on. What comes out is
+//! what single points give.
 
-use super::near::{Known, Local, Owner};
+use super::near::{Asking, Known, Local, Owner};
+use super::patch::Spot;
+use super::place::Trail;
 use super::scale::Advance;
 use super::{Filling, TiledSolid};
 use crate::frame::{CellPoint, Mat3, Vec3};
@@ -20,20 +23,27 @@ pub(super) struct Target {
 /// A sample whose distance is wanted.
 struct Item {
     target: Target,
-    /// Its owner's place in the list of near elements.
+    /// Its owner's place in the list of near elements, and d xi / d x there.
     place: u32,
-    /// Where its owner's d xi / d x stands, if that is not the same all over the element.
-    inverse: Option<u32>,
+    inverse: Mat3,
     /// How deep it lies under its owner's faces; a voxel stands for more.
     depth: f64,
 }
 
-/// What an element says of a sample that several share in.
-struct Share {
+/// A block of samples within one element.
+struct Block {
+    number: usize,
+    place: usize,
+    /// Its centre.
+    trail: Trail,
+    depth: f64,
+    f: f64,
+}
+
+/// A sample in one of the elements that share in it.
+struct Seat {
     item: u32,
     place: u32,
-    xi: Vec3,
-    inverse: Mat3,
     weight: f64,
     advance: Advance,
 }
@@ -44,14 +54,6 @@ struct Sum {
     f: f64,
     scales: f64,
     weights: f64,
-}
-
-/// A block of samples within one element.
-struct Block {
-    number: usize,
-    owner: Owner,
-    depth: f64,
-    f: f64,
 }
 
 /// Points in elements that are asked for values or slopes together.
@@ -65,23 +67,27 @@ struct Questions {
 #[derive(Default)]
 pub(super) struct Batch {
     blocks: Vec<Block>,
+    centres: Vec<Vec3>,
+    /// Samples whose element is not known from their block's.
+    open: Vec<Target>,
+    at: Vec<Vec3>,
+    owners: Vec<Option<Owner>>,
+    spots: Vec<Option<Spot>>,
+    asking: Asking,
     items: Vec<Item>,
-    inverses: Vec<Mat3>,
     /// One for every item.
     asked: Questions,
     values: Vec<f64>,
-    /// Items that only their owner, and that also others have a share in.
-    own: Vec<u32>,
+    /// Items in the band near faces.
     shared: Vec<u32>,
-    shares: Vec<Share>,
-    /// Shares by place.
-    order: Vec<u32>,
-    sums: Vec<Sum>,
-    advances: Vec<(f64, Advance)>,
-    /// Who makes the second step, and d xi / d x there.
-    ahead: Vec<(u32, Option<Mat3>)>,
+    seats: Vec<Seat>,
+    /// One for every seat, then for every seat that goes on.
     next: Questions,
+    inverses: Vec<Mat3>,
     slopes: Vec<(f64, Vec3)>,
+    ahead: Vec<u32>,
+    /// One for every item.
+    sums: Vec<Sum>,
     /// At how many points a cell was looked at: samples, and centres of blocks.
     pub looked: u64,
 }
@@ -97,13 +103,12 @@ impl Questions {
         self.points.push(CellPoint(xi));
     }
 
-    /// Calls `ask` for each run of points in one of the near elements: its number, and the run.
-    fn by_element(&self, local: &Local, mut ask: impl FnMut(usize, std::ops::Range<usize>)) {
+    /// Calls `ask` for each run of points that are in one place.
+    fn by_place(places: &[u32], mut ask: impl FnMut(usize, std::ops::Range<usize>)) {
         let mut first = 0;
-        for end in 1..=self.places.len() {
-            if self.places.get(end) != Some(&self.places[first]) {
-                let element = local.near.patches[self.places[first] as usize];
-                ask(element as usize, first..end);
+        for end in 1..=places.len() {
+            if places.get(end) != Some(&places[first]) {
+                ask(places[first] as usize, first..end);
                 first = end;
             }
         }
@@ -133,114 +138,64 @@ impl<F: Filling> TiledSolid<'_, F> {
     ) {
         self.find_blocks(local, blocks, batch);
         batch.items.clear();
-        batch.inverses.clear();
         batch.asked.clear();
+        batch.open.clear();
         let w = self.options.half_width;
-        let mut whole = 0;
+        let mut found = |t: &Target, d: f64| {
+            out[t.n as usize] = self.cut(component, d, t.x, known) as f32;
+        };
+        let whole = std::mem::take(&mut batch.blocks);
+        let mut next = whole.iter().peekable();
         for (number, samples) in blocks.iter().enumerate() {
-            let (_, radius) = ball(samples);
-            let block = batch.blocks.get(whole).filter(|b| b.number == number);
-            whole += usize::from(block.is_some());
-            if let Some(b) = block
-                && b.f.abs() >= local.near.slope_sup * (radius + w)
-            {
-                let d = w.copysign(b.f);
-                for t in samples {
-                    out[t.n as usize] = self.cut(component, d, t.x, known) as f32;
-                }
+            let Some(block) = next.next_if(|b| b.number == number) else {
+                batch.open.extend(samples);
                 continue;
-            }
-            let certain = block.map(|b| (b.owner.place, b.depth - radius));
-            for &target in samples {
-                if !self.enter(local, target, certain, batch) {
-                    batch.looked += 1;
-                    out[target.n as usize] =
-                        self.value_at(component, local, target.x, known) as f32;
+            };
+            let (_, radius) = ball(samples);
+            if block.f.abs() >= local.near.slope_sup * (radius + w) {
+                let d = w.copysign(block.f);
+                for t in samples {
+                    found(t, d);
                 }
+            } else {
+                self.enter_block(local, samples, block, block.depth - radius, batch);
             }
         }
+        batch.blocks = whole;
+        self.enter_open(local, batch, |local, t| {
+            let d = self.value_at(component, local, t.x, known);
+            out[t.n as usize] = d as f32;
+        });
         self.ask_values(local, batch);
         let mut found = |t: &Target, d: f64| {
             out[t.n as usize] = self.cut(component, d, t.x, known) as f32;
         };
-        self.sort_out(local, batch, &mut found);
-        self.step_alone(local, batch, &mut found);
+        self.seat(local, batch, &mut found);
         self.blend(local, batch, &mut found);
-    }
-
-    /// Finds a sample's owner, its `certain` one if its block lies in one element and at least so deep;
-    /// false if it has none.
-    fn enter(
-        &self,
-        local: &mut Local,
-        target: Target,
-        certain: Option<(usize, f64)>,
-        batch: &mut Batch,
-    ) -> bool {
-        let x = target.x;
-        if let Some((place, sure)) = certain
-            && let patch = self.patch(local, place)
-            && let Some(xi) = patch.affine_point(x)
-        {
-            let depth = if sure >= self.delta() {
-                sure
-            } else {
-                patch.affine_depth(x)
-            };
-            batch.asked.push(place as u32, xi);
-            batch.items.push(Item {
-                target,
-                place: place as u32,
-                inverse: None,
-                depth,
-            });
-            return true;
-        }
-        let owner = match certain {
-            Some((place, _)) => self
-                .spot(local, place, x, f64::INFINITY)
-                .map(|spot| Owner { place, spot }),
-            None => self.owner(local, x),
-        };
-        let Some(owner) = owner else {
-            return false;
-        };
-        let patch = self.patch(local, owner.place);
-        let depth = match certain {
-            Some((_, depth)) if depth >= self.delta() => depth,
-            _ => patch.depth(x, &owner.spot),
-        };
-        let inverse = if patch.is_affine() {
-            None
-        } else {
-            batch.inverses.push(owner.spot.inverse);
-            Some(batch.inverses.len() as u32 - 1)
-        };
-        batch.asked.push(owner.place as u32, owner.spot.xi);
-        batch.items.push(Item {
-            target,
-            place: owner.place as u32,
-            inverse,
-            depth,
-        });
-        true
     }
 
     /// Finds the blocks that lie in one element, and the field at their centres.
     fn find_blocks(&self, local: &mut Local, blocks: &[Vec<Target>], batch: &mut Batch) {
         batch.blocks.clear();
         batch.asked.clear();
-        for (number, samples) in blocks.iter().enumerate() {
-            let (centre, radius) = ball(samples);
-            let Some(owner) = self.owner(local, centre) else {
+        batch.centres.clear();
+        batch.centres.extend(blocks.iter().map(|b| ball(b).0));
+        let Batch {
+            centres, owners, ..
+        } = batch;
+        self.owners(local, centres, &mut batch.asking, owners);
+        for (number, (&x, owner)) in centres.iter().zip(owners).enumerate() {
+            let Some(Owner { place, spot }) = *owner else {
                 continue;
             };
-            let depth = self.patch(local, owner.place).depth(centre, &owner.spot);
-            if depth > radius {
-                batch.asked.push(owner.place as u32, owner.spot.xi);
+            let depth = self.patch(local, place).depth(x, &spot);
+            if depth > ball(&blocks[number]).1 {
+                let Spot { xi, inverse, .. } = spot;
+                batch.asked.push(place as u32, xi);
                 batch.blocks.push(Block {
                     number,
-                    owner,
+                    place,
+                    trail: Trail { x, xi, inverse },
                     depth,
                     f: 0.0,
                 });
@@ -252,11 +207,79 @@ impl<F: Filling> TiledSolid<'_, F> {
         }
     }
 
+    /// Enters the samples of a block that lies in one element, all of them at least `sure` deep.
+    fn enter_block(
+        &self,
+        local: &Local,
+        samples: &[Target],
+        block: &Block,
+        sure: f64,
+        batch: &mut Batch,
+    ) {
+        let patch = self.patch(local, block.place);
+        let is_deep = sure >= self.delta();
+        if patch.is_affine() {
+            for &target in samples {
+                let depth = if is_deep {
+                    sure
+                } else {
+                    patch.affine_depth(target.x)
+                };
+                let xi = block.trail.guess(target.x);
+                batch.enter(target, block.place, (xi, block.trail.inverse), depth);
+            }
+            return;
+        }
+        batch.at.clear();
+        batch.at.extend(samples.iter().map(|t| t.x));
+        let (mut trail, mut spots) = (block.trail, std::mem::take(&mut batch.spots));
+        patch.spots(self.scaffold, &batch.at, (&mut trail, true), &mut spots);
+        for (&target, spot) in samples.iter().zip(&spots) {
+            if let Some(spot) = spot {
+                let depth = if is_deep {
+                    sure
+                } else {
+                    patch.depth(target.x, spot)
+                };
+                batch.enter(target, block.place, (spot.xi, spot.inverse), depth);
+            } else {
+                batch.open.push(target);
+            }
+        }
+        batch.spots = spots;
+    }
+
+    /// Enters samples whose owner is to be found; those without are handed to `strays`.
+    fn enter_open(
+        &self,
+        local: &mut Local,
+        batch: &mut Batch,
+        mut strays: impl FnMut(&mut Local, &Target),
+    ) {
+        let Batch {
+            open, at, owners, ..
+        } = batch;
+        at.clear();
+        at.extend(open.iter().map(|t| t.x));
+        self.owners(local, at, &mut batch.asking, owners);
+        for n in 0..batch.open.len() {
+            let target = batch.open[n];
+            if let Some(Owner { place, spot }) = batch.owners[n] {
+                let depth = self.patch(local, place).depth(target.x, &spot);
+                batch.enter(target, place, (spot.xi, spot.inverse), depth);
+            } else {
+                batch.looked += 1;
+                strays(local, &target);
+            }
+        }
+    }
+
     /// The field at all points that are asked for.
     fn ask_values(&self, local: &Local, batch: &mut Batch) {
         let Batch { asked, values, .. } = &mut *batch;
         values.resize(asked.points.len(), 0.0);
-        asked.by_element(local, |element, run| {
+        Questions::by_place(&asked.places, |place, run| {
+            let element = local.near.patches[place] as usize;
             self.filling
                 .values(element, &asked.points[run.clone()], &mut values[run]);
         });
@@ -265,185 +288,163 @@ impl<F: Filling> TiledSolid<'_, F> {
 
     fn ask_slopes(&self, local: &Local, next: &Questions, slopes: &mut Vec<(f64, Vec3)>) {
         slopes.resize(next.points.len(), (0.0, Vec3::zeros()));
-        next.by_element(local, |element, run| {
+        Questions::by_place(&next.places, |place, run| {
+            let element = local.near.patches[place] as usize;
             self.filling
                 .slopes(element, &next.points[run.clone()], &mut slopes[run]);
         });
     }
 
-    /// Hands samples that are certainly far to `found`, and parts the others by who has a share.
-    fn sort_out(&self, local: &Local, batch: &mut Batch, mut found: impl FnMut(&Target, f64)) {
+    /// Hands samples that are certainly far to `found`, and seats the others in their owners and in the
+    /// elements that share in them.
+    fn seat(&self, local: &Local, batch: &mut Batch, mut found: impl FnMut(&Target, f64)) {
         let w = self.options.half_width;
         // Every scale is at least 1 / L.
         let most = w * local.near.slope_sup;
-        batch.own.clear();
+        batch.seats.clear();
         batch.shared.clear();
-        for (n, (item, &f)) in batch.items.iter().zip(&batch.values).enumerate() {
+        batch.next.clear();
+        batch.inverses.clear();
+        for n in 0..batch.items.len() {
+            let (item, f) = (&batch.items[n], batch.values[n]);
             if f.abs() >= most {
                 found(&item.target, w.copysign(f));
             } else if item.depth >= self.delta() {
-                batch.own.push(n as u32);
+                batch.seat_in_owner(n as u32);
             } else {
                 batch.shared.push(n as u32);
             }
         }
-    }
-
-    /// Distances of samples that only their owner has a share in.
-    fn step_alone(&self, local: &Local, batch: &mut Batch, mut found: impl FnMut(&Target, f64)) {
-        let Batch {
-            items,
-            inverses,
-            asked,
-            own,
-            advances,
-            ahead,
-            next,
-            slopes,
-            ..
-        } = batch;
-        next.clear();
-        for &n in &*own {
-            next.push(items[n as usize].place, asked.points[n as usize].0);
+        if batch.shared.is_empty() {
+            return;
         }
-        self.ask_slopes(local, next, slopes);
-        next.clear();
-        advances.clear();
-        ahead.clear();
-        for (k, &n) in own.iter().enumerate() {
-            let item = &items[n as usize];
-            let patch = self.patch(local, item.place as usize);
-            let inverse = patch.inverse(item.inverse.map(|i| &inverses[i as usize]));
-            let (f, g) = slopes[k];
-            let advance = self.advance(patch, (f, inverse.tr_mul(&g)));
-            if advance.goes_on() {
-                let (step, xi) = (advance.step, asked.points[n as usize].0);
-                let to = item.target.x + step;
-                let (xi, there) = patch.follow(self.scaffold, (xi, inverse), step, to);
-                next.push(item.place, xi);
-                ahead.push((k as u32, there));
-            }
-            advances.push((f, advance));
-        }
-        self.ask_slopes(local, next, slopes);
-        for ((&(k, ref there), &place), &(f, g)) in ahead.iter().zip(&next.places).zip(&*slopes) {
-            let patch = self.patch(local, place as usize);
-            let slope = (f, patch.inverse(there.as_ref()).tr_mul(&g));
-            advances[k as usize].1.arrive(self.step(patch, slope));
-        }
-        let w = self.options.half_width;
-        for (&n, (f, advance)) in own.iter().zip(&*advances) {
-            let item = &items[n as usize];
-            let scale = advance.scale(self.patch(local, item.place as usize));
-            found(&item.target, (f * scale).clamp(-w, w));
-        }
-    }
-
-    /// Distances of samples near faces: the scales of the elements that share in each are blended.
-    fn blend(&self, local: &Local, batch: &mut Batch, mut found: impl FnMut(&Target, f64)) {
-        self.share(local, batch);
-        let Batch {
-            items,
-            shared,
-            shares,
-            order,
-            sums,
-            ahead,
-            next,
-            slopes,
-            ..
-        } = batch;
         // In order of element numbers, so that both sides of a face sum alike.
-        order.clear();
-        order.extend(0..shares.len() as u32);
-        order.sort_by_key(|&s| shares[s as usize].place);
-        next.clear();
-        for &s in &*order {
-            next.push(shares[s as usize].place, shares[s as usize].xi);
-        }
-        self.ask_slopes(local, next, slopes);
-        next.clear();
-        ahead.clear();
-        sums.clear();
-        sums.resize(shared.len(), Sum::default());
-        for (&s, &(f, g)) in order.iter().zip(&*slopes) {
-            let share = &mut shares[s as usize];
-            let item = &items[shared[share.item as usize] as usize];
-            if share.place == item.place {
-                sums[share.item as usize].f = f;
+        let shared = std::mem::take(&mut batch.shared);
+        let mut spots = std::mem::take(&mut batch.spots);
+        for place in 0..local.near.patches.len() {
+            let patch = self.patch(local, place);
+            batch.at.clear();
+            batch.ahead.clear();
+            for &n in &shared {
+                let item = &batch.items[n as usize];
+                if item.place as usize == place {
+                    batch.seat_in_owner(n);
+                } else if !patch.is_beyond(item.target.x, self.delta()) {
+                    batch.at.push(item.target.x);
+                    batch.ahead.push(n);
+                }
             }
-            let patch = self.patch(local, share.place as usize);
-            share.advance = self.advance(patch, (f, share.inverse.tr_mul(&g)));
-            if share.advance.goes_on() {
-                let step = share.advance.step;
-                let (from, to) = ((share.xi, &share.inverse), item.target.x + step);
-                let (xi, there) = patch.follow(self.scaffold, from, step, to);
-                next.push(share.place, xi);
-                ahead.push((s, there));
-            }
-        }
-        self.ask_slopes(local, next, slopes);
-        for (&(s, ref there), &(f, g)) in ahead.iter().zip(&*slopes) {
-            let share = &mut shares[s as usize];
-            let patch = self.patch(local, share.place as usize);
-            let slope = (f, patch.inverse(there.as_ref()).tr_mul(&g));
-            share.advance.arrive(self.step(patch, slope));
-        }
-        for &s in &*order {
-            let share = &shares[s as usize];
-            let sum = &mut sums[share.item as usize];
-            let scale = share.advance.scale(self.patch(local, share.place as usize));
-            sum.scales += share.weight * scale;
-            sum.weights += share.weight;
-        }
-        let w = self.options.half_width;
-        for (&n, sum) in shared.iter().zip(&*sums) {
-            let d = (sum.f * sum.scales / sum.weights).clamp(-w, w);
-            found(&items[n as usize].target, d);
-        }
-    }
-
-    /// Finds the elements that share in each sample near faces.
-    fn share(&self, local: &Local, batch: &mut Batch) {
-        let Batch {
-            items,
-            inverses,
-            asked,
-            shared,
-            shares,
-            ..
-        } = batch;
-        shares.clear();
-        for (number, &n) in shared.iter().enumerate() {
-            let item = &items[n as usize];
-            let own = self.patch(local, item.place as usize);
-            let inverse = own.inverse(item.inverse.map(|i| &inverses[i as usize]));
-            shares.push(Share {
-                item: number as u32,
-                place: item.place,
-                xi: asked.points[n as usize].0,
-                inverse: *inverse,
-                weight: 1.0,
-                advance: Advance::default(),
-            });
-            let x = item.target.x;
-            for place in (0..local.near.patches.len()).filter(|&p| p != item.place as usize) {
-                let Some(spot) = self.spot(local, place, x, self.delta()) else {
+            self.spots(local, place, &batch.at, &mut spots);
+            for k in 0..spots.len() {
+                let (n, x) = (batch.ahead[k], batch.at[k]);
+                let Some(spot) = &spots[k] else {
                     continue;
                 };
-                let beyond = self.patch(local, place).overshoot(x, &spot);
-                let weight = 1.0 - beyond.max(item.depth) / self.delta();
+                let beyond = patch.overshoot(x, spot);
+                let depth = batch.items[n as usize].depth;
+                let weight = 1.0 - beyond.max(depth) / self.delta();
                 if weight > 0.0 {
-                    shares.push(Share {
-                        item: number as u32,
-                        place: place as u32,
-                        xi: spot.xi,
-                        inverse: spot.inverse,
-                        weight,
-                        advance: Advance::default(),
-                    });
+                    batch.take_seat(n, place as u32, (spot.xi, spot.inverse), weight);
                 }
             }
         }
+        batch.spots = spots;
+        batch.shared = shared;
+    }
+
+    /// Distances of the samples that are seated: the scales of the elements that share in each are
+    /// blended.
+    fn blend(&self, local: &Local, batch: &mut Batch, mut found: impl FnMut(&Target, f64)) {
+        let Batch {
+            items,
+            seats,
+            next,
+            inverses,
+            slopes,
+            ahead,
+            at,
+            sums,
+            ..
+        } = batch;
+        self.ask_slopes(local, next, slopes);
+        sums.clear();
+        sums.resize(items.len(), Sum::default());
+        ahead.clear();
+        at.clear();
+        for (k, seat) in seats.iter_mut().enumerate() {
+            let ((f, g), inverse) = (slopes[k], inverses[k]);
+            let item = &items[seat.item as usize];
+            if seat.place == item.place {
+                sums[seat.item as usize].f = f;
+            }
+            let patch = self.patch(local, seat.place as usize);
+            seat.advance = self.advance(patch, (f, inverse.tr_mul(&g)));
+            if seat.advance.goes_on() {
+                // Seats that go on move up.
+                let (to, step) = (ahead.len(), seat.advance.step);
+                next.points[to] = CellPoint(next.points[k].0 + inverse * step);
+                next.places[to] = seat.place;
+                inverses[to] = inverse;
+                at.push(item.target.x + step);
+                ahead.push(k as u32);
+            }
+        }
+        next.points.truncate(ahead.len());
+        next.places.truncate(ahead.len());
+        Questions::by_place(&next.places, |place, run| {
+            let (to, inverses) = (&at[run.clone()], &mut inverses[run.clone()]);
+            let patch = self.patch(local, place);
+            patch.follow_all(self.scaffold, to, &mut next.points[run], inverses);
+        });
+        self.ask_slopes(local, next, slopes);
+        for (&k, (&(f, g), inverse)) in ahead.iter().zip(slopes.iter().zip(&*inverses)) {
+            let seat = &mut seats[k as usize];
+            let patch = self.patch(local, seat.place as usize);
+            let step = self.step(patch, (f, inverse.tr_mul(&g)));
+            seat.advance.arrive(step);
+        }
+        for seat in &*seats {
+            let sum = &mut sums[seat.item as usize];
+            let scale = seat.advance.scale(self.patch(local, seat.place as usize));
+            sum.scales += seat.weight * scale;
+            sum.weights += seat.weight;
+        }
+        let w = self.options.half_width;
+        for (item, sum) in items.iter().zip(&*sums).filter(|(_, s)| s.weights > 0.0) {
+            let d = (sum.f * sum.scales / sum.weights).clamp(-w, w);
+            found(&item.target, d);
+        }
+    }
+}
+
+impl Batch {
+    /// Enters a sample in its owner.
+    fn enter(&mut self, target: Target, place: usize, (xi, inverse): (Vec3, Mat3), depth: f64) {
+        let place = place as u32;
+        self.asked.push(place, xi);
+        self.items.push(Item {
+            target,
+            place,
+            inverse,
+            depth,
+        });
+    }
+
+    /// Seats an item in its owner.
+    fn seat_in_owner(&mut self, item: u32) {
+        let own = &self.items[item as usize];
+        let at = (self.asked.points[item as usize].0, own.inverse);
+        self.take_seat(item, own.place, at, 1.0);
+    }
+
+    fn take_seat(&mut self, item: u32, place: u32, (xi, inverse): (Vec3, Mat3), weight: f64) {
+        self.next.push(place, xi);
+        self.inverses.push(inverse);
+        self.seats.push(Seat {
+            item,
+            place,
+            weight,
+            advance: Advance::default(),
+        });
     }
 }

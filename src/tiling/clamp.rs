@@ -1,6 +1,9 @@
 //! Euclidean projections onto the closed reference cells.
+// Small functions of hot paths, which must be compiled for the processor that their caller is for.
+#![allow(clippy::inline_always)]
 
 use crate::frame::{CellPoint, Element, Vec3};
+use crate::lanes::Number;
 
 /// Normals of the tet's faces, times the root of 3.
 const FACES: [[f64; 3]; 4] = [
@@ -15,7 +18,7 @@ pub(super) fn clamp_to_cell(shape: Element, xi: Vec3) -> Vec3 {
     match shape {
         Element::Hex => xi.map(|c| c.clamp(-0.5, 0.5)),
         Element::Quad => Vec3::new(xi.x.clamp(-0.5, 0.5), xi.y.clamp(-0.5, 0.5), xi.z),
-        Element::Tet => onto_tet(xi),
+        Element::Tet => onto_tet::<f64>(xi.into()).into(),
         Element::Tri => onto_triangle(xi),
         Element::Wedge => {
             let flat = onto_triangle(xi);
@@ -87,28 +90,85 @@ fn onto_pyramid(xi: Vec3) -> Vec3 {
     if swapped { Vec3::new(y.y, y.x, y.z) } else { y }
 }
 
-fn onto_tet(xi: Vec3) -> Vec3 {
+/// The nearest point of the tet.
+#[inline(always)]
+fn onto_tet<T: Number>(xi: [T; 3]) -> [T; 3] {
     // The tet is regular, so its barycentric coordinates are an isometry (up to scale) onto the
     // standard simplex of R^4, whose projection subtracts a common threshold and drops negatives.
-    let lambda = FACES.map(|n| (0.5 - Vec3::from(n).dot(&xi)) / 2.0);
-    if lambda.iter().all(|&l| l >= 0.0) {
-        return xi;
+    let (zero, half) = (xi[0].like(0.0), xi[0].like(0.5));
+    let mut lambda = tet_sums(xi);
+    for l in &mut lambda {
+        *l = (half - *l) * half;
     }
-    let mut sorted = lambda;
-    sorted.sort_unstable_by(|a, b| b.total_cmp(a));
-    let (mut sum, mut threshold) = (0.0, 0.0);
-    for (n, &l) in sorted.iter().enumerate() {
-        sum += l;
-        let t = (sum - 1.0) / (n + 1) as f64;
-        if l > t {
-            threshold = t;
+    let [a, b, c, d] = lambda;
+    let (least, most) = ([a.min(b), c.min(d)], [a.max(b), c.max(d)]);
+    let (first, last) = (most[0].max(most[1]), least[0].min(least[1]));
+    let middle = [most[0].min(most[1]), least[0].max(least[1])];
+    let (second, third) = (middle[0].max(middle[1]), middle[0].min(middle[1]));
+    // The threshold is the greatest that one of the sets of greatest coordinates asks for.
+    let mut sum = first - first.like(1.0);
+    let mut threshold = sum;
+    for (l, share) in [(second, 1.0 / 2.0), (third, 1.0 / 3.0), (last, 1.0 / 4.0)] {
+        sum = sum + l;
+        threshold = threshold.max(sum * sum.like(share));
+    }
+    let mut nearest = [zero; 3];
+    for (normal, l) in FACES.iter().zip(lambda) {
+        let moved = (l - threshold).max(zero);
+        for (y, &n) in nearest.iter_mut().zip(normal) {
+            *y = moved.fused(moved.like(-0.5 * n), *y);
         }
     }
-    FACES
-        .iter()
-        .zip(lambda)
-        .map(|(&n, l)| Vec3::from(n) * (-0.5 * (l - threshold).max(0.0)))
-        .sum()
+    // Points of the tet stay what they are to the last digit.
+    for (y, x) in nearest.iter_mut().zip(xi) {
+        *y = last.below(zero, *y, x);
+    }
+    nearest
+}
+
+/// Of the tet, the products with the normals of its faces, times the root of 3.
+#[inline(always)]
+fn tet_sums<T: Number>([x, y, z]: [T; 3]) -> [T; 4] {
+    let (sum, difference) = (y + z, y - z);
+    [
+        x + sum,
+        x - sum,
+        difference - x,
+        x.like(0.0) - x - difference,
+    ]
+}
+
+#[inline(always)]
+fn onto_line<T: Number>(x: T) -> T {
+    x.max(x.like(-0.5)).min(x.like(0.5))
+}
+
+/// As [`clamp_to_cell`], for a row of points.
+#[inline(always)]
+pub(super) fn clamp_row<T: Number>(shape: Element, xi: [T; 3]) -> [T; 3] {
+    match shape {
+        Element::Hex => [onto_line(xi[0]), onto_line(xi[1]), onto_line(xi[2])],
+        Element::Quad => [onto_line(xi[0]), onto_line(xi[1]), xi[2]],
+        Element::Tet => onto_tet(xi),
+        _ => T::each(xi, |p| clamp_to_cell(shape, p.into()).into()),
+    }
+}
+
+/// Largest signed distance to the faces, of a row of points.
+#[inline(always)]
+pub(super) fn beyond_row<T: Number>(shape: Element, xi: [T; 3]) -> T {
+    let half = xi[0].like(0.5);
+    match shape {
+        Element::Hex => xi[0].abs().max(xi[1].abs()).max(xi[2].abs()) - half,
+        Element::Tet => {
+            let [a, b, c, d] = tet_sums(xi);
+            (a.max(b).max(c.max(d)) - half) * half.like(1.0 / 3f64.sqrt())
+        }
+        _ => {
+            let distance = |p: [f64; 3]| shape.face_distance(CellPoint(p.into()));
+            T::each(xi, |p| [distance(p), 0.0, 0.0])[0]
+        }
+    }
 }
 
 #[cfg(test)]

@@ -1,9 +1,10 @@
 //! Which elements matter at a point: its owner, its neighbours, the continuation outside.
 
 use super::patch::{ON_FACE, Patch, Search, Spot};
+use super::place::Trail;
 use super::{Boundary, CHORD, Distance, Filling, TiledSolid};
 use crate::field::Interval;
-use crate::frame::{Aabb, Mat3, Vec3};
+use crate::frame::{Aabb, Vec3};
 use std::cell::Cell;
 
 /// Elements of one component near a box, by ascending number.
@@ -23,20 +24,6 @@ pub(super) struct Local {
     trails: Vec<Cell<Option<Trail>>>,
     /// Whether points are wanted for values in single precision.
     is_rough: bool,
-}
-
-/// A point as an element has placed it: from there the next one is guessed.
-#[derive(Clone, Copy)]
-struct Trail {
-    x: Vec3,
-    xi: Vec3,
-    inverse: Mat3,
-}
-
-impl Trail {
-    fn guess(&self, x: Vec3) -> Vec3 {
-        self.xi + self.inverse * (x - self.x)
-    }
 }
 
 /// What is known of a point before it is looked at; see [`TiledSolid::value_at`].
@@ -62,6 +49,15 @@ pub(super) struct Owner {
     pub spot: Spot,
 }
 
+/// Room for asking many points who owns them.
+#[derive(Default)]
+pub(super) struct Asking {
+    open: Vec<u32>,
+    asked: Vec<u32>,
+    at: Vec<Vec3>,
+    spots: Vec<Option<Spot>>,
+}
+
 impl Local {
     pub fn new(near: Near) -> Self {
         let trails = vec![Cell::new(None); near.patches.len()];
@@ -71,6 +67,11 @@ impl Local {
             trails,
             is_rough: false,
         }
+    }
+
+    /// What the next point of an element is guessed from.
+    fn trail(&self, place: usize, patch: &Patch) -> Trail {
+        self.trails[place].get().unwrap_or_else(|| patch.start())
     }
 
     fn note(&self, place: usize, x: Vec3, spot: &Spot) {
@@ -165,9 +166,84 @@ impl<F: Filling> TiledSolid<'_, F> {
         Some(spot)
     }
 
+    /// Where points lie in one of the near elements.
+    pub(super) fn spots(
+        &self,
+        local: &Local,
+        place: usize,
+        points: &[Vec3],
+        found: &mut Vec<Option<Spot>>,
+    ) {
+        let patch = self.patch(local, place);
+        let mut trail = local.trail(place, patch);
+        let how = (&mut trail, local.is_rough);
+        patch.spots(self.scaffold, points, how, found);
+        local.trails[place].set(Some(trail));
+    }
+
+    /// The owners of points, into `owners`; as [`Self::owner`] finds them.
+    pub(super) fn owners(
+        &self,
+        local: &mut Local,
+        points: &[Vec3],
+        asking: &mut Asking,
+        owners: &mut Vec<Option<Owner>>,
+    ) {
+        owners.clear();
+        owners.resize(points.len(), None);
+        let Asking {
+            open,
+            asked,
+            at,
+            spots,
+        } = asking;
+        open.clear();
+        open.extend(0..points.len() as u32);
+        let near = local.near.patches.len();
+        let last = local
+            .last
+            .and_then(|n| local.near.patches.binary_search(&n).ok());
+        // Well inside the last point's owner no other can contain a point.
+        for (place, is_last) in
+            (last.map(|p| (p, true)).into_iter()).chain((0..near).map(|p| (p, false)))
+        {
+            if open.is_empty() {
+                break;
+            }
+            let patch = self.patch(local, place);
+            asked.clear();
+            at.clear();
+            for &n in &*open {
+                let x = points[n as usize];
+                let margin = if is_last { 0.0 } else { self.rounding(x) };
+                if !patch.is_beyond(x, margin) {
+                    asked.push(n);
+                    at.push(x);
+                }
+            }
+            if at.is_empty() {
+                continue;
+            }
+            self.spots(local, place, at, spots);
+            let most = if is_last { -ON_FACE } else { ON_FACE };
+            for (&n, &spot) in asked.iter().zip(&*spots) {
+                if let Some(spot) = spot.filter(|s| s.beyond <= most) {
+                    owners[n as usize] = Some(Owner { place, spot });
+                    local.last = Some(local.near.patches[place]);
+                }
+            }
+            open.retain(|&n| owners[n as usize].is_none());
+        }
+    }
+
+    /// How far outside an element a point of it can lie by rounding.
+    fn rounding(&self, x: Vec3) -> f64 {
+        ON_FACE * x.amax().max(self.options.voxel_size) + ON_FACE * self.delta()
+    }
+
     /// The element of lowest number that contains a point.
     pub(super) fn owner(&self, local: &mut Local, x: Vec3) -> Option<Owner> {
-        let margin = ON_FACE * x.amax().max(self.options.voxel_size) + ON_FACE * self.delta();
+        let margin = self.rounding(x);
         let near = &local.near.patches;
         let last = local.last.and_then(|n| near.binary_search(&n).ok());
         if let Some(place) = last {

@@ -1,5 +1,6 @@
 //! One element of the scaffold with the cell in it: inverse map, slopes, distance to its faces.
 
+use super::place::{Curve, Trail};
 use crate::frame::{Aabb, CellPoint, Element, Mat3, Vec3};
 use crate::scaffold::Scaffold;
 
@@ -57,9 +58,9 @@ pub(super) struct Spot {
     pub inverse: Mat3,
     /// Largest signed distance to the faces in reference coordinates; at most 0 inside.
     pub beyond: f64,
-    /// The point of the element where the continuation starts, world coordinates; only for curved
-    /// elements different from the point itself.
-    inner: Option<Vec3>,
+    /// Of curved elements: how far from the point of the element where the continuation starts,
+    /// world units.
+    pub overshoot: f64,
 }
 
 impl Patch {
@@ -122,7 +123,7 @@ impl Patch {
     }
 
     /// Whether a point is certainly further than `margin` outside.
-    fn is_beyond(&self, x: Vec3, margin: f64) -> bool {
+    pub fn is_beyond(&self, x: Vec3, margin: f64) -> bool {
         self.walls[..self.wall_count]
             .iter()
             .any(|wall| wall.normal.dot(&x) - wall.offset > margin)
@@ -183,13 +184,56 @@ impl Patch {
         (spot.beyond < -ON_FACE).then_some(spot)
     }
 
+    /// Where points lie, whatever their distance; each is guessed from the last one that was found.
+    pub fn spots(
+        &self,
+        scaffold: &Scaffold,
+        points: &[Vec3],
+        (trail, is_rough): (&mut Trail, bool),
+        found: &mut Vec<Option<Spot>>,
+    ) {
+        found.clear();
+        match (&self.inverse, self.curve(scaffold)) {
+            (Inverse::Affine { matrix, centre }, _) => {
+                let spots = points.iter().map(|&x| self.affine_spot(matrix, centre, x));
+                found.extend(spots.map(Some));
+                return;
+            }
+            (_, Some(curve)) => curve.find_all(trail, is_rough, points, found),
+            (_, None) => found.resize(points.len(), None),
+        }
+        for (&x, spot) in points.iter().zip(found).filter(|(_, s)| s.is_none()) {
+            let start = Some(trail.guess(x));
+            *spot = self.spot(scaffold, x, f64::INFINITY, Search { start, is_rough });
+        }
+    }
+
+    /// The element as one that four points at a time are looked for in, if it is one.
+    fn curve<'a>(&self, scaffold: &'a Scaffold) -> Option<Curve<'a>> {
+        Some(Curve {
+            map: scaffold.element(self.number).polynomial()?,
+            shape: self.shape,
+        })
+    }
+
+    /// Where points are guessed from if nothing is known: the affine map at the centroid.
+    pub fn start(&self) -> Trail {
+        let (Inverse::Affine { matrix, centre } | Inverse::Curved { matrix, centre }) =
+            &self.inverse;
+        Trail {
+            x: *centre,
+            xi: Vec3::zeros(),
+            inverse: *matrix,
+        }
+    }
+
     fn affine_spot(&self, matrix: &Mat3, centre: &Vec3, x: Vec3) -> Spot {
         let xi = matrix * (x - centre);
         Spot {
             xi,
             inverse: *matrix,
             beyond: self.shape.face_distance(CellPoint(xi)),
-            inner: None,
+            overshoot: 0.0,
         }
     }
 
@@ -215,17 +259,13 @@ impl Patch {
             let beyond = self.shape.face_distance(CellPoint(xi));
             let next = if beyond > 0.0 { self.clamp(xi) } else { xi };
             let moved = (next - at).amax();
-            // Inside, convergence is quadratic: the next step would be the square of this one.
-            // Outside it is linear, each step a small share (curvature times overshoot) of the last.
-            // On the faces the last digit decides who owns a point.
-            let is_exact = beyond > 0.0 && !(is_rough && beyond > 1e-3);
-            let settled = if is_exact { 1e-9 } else { 1e-6 };
-            if moved < settled {
+            if is_settled(moved, beyond, is_rough) {
+                let overshoot = if beyond > 0.0 { (x - p.0).norm() } else { 0.0 };
                 return Some(Spot {
                     xi,
                     inverse,
                     beyond,
-                    inner: (beyond > 0.0).then_some(p.0),
+                    overshoot,
                 });
             }
             at = next;
@@ -240,10 +280,9 @@ impl Patch {
 
     /// m(x): how far outside the element, world units; continuous, at most 0 inside.
     pub fn overshoot(&self, x: Vec3, spot: &Spot) -> f64 {
-        match (&self.inverse, spot.inner) {
-            (Inverse::Affine { .. }, _) => self.outside_walls(x),
-            (Inverse::Curved { .. }, Some(inner)) => (x - inner).norm(),
-            (Inverse::Curved { .. }, None) => 0.0,
+        match self.inverse {
+            Inverse::Affine { .. } => self.outside_walls(x),
+            Inverse::Curved { .. } => spot.overshoot,
         }
     }
 
@@ -255,41 +294,27 @@ impl Patch {
         }
     }
 
-    /// Follows the element's own map from reference coordinates, with d xi / d x there, by `step` in world
-    /// space, to the point `to`; gives d xi / d x there too, if it is not the same everywhere.
-    pub fn follow(
+    /// Brings reference coordinates near those of the points `to` there, by one step of Newton's method,
+    /// and d xi / d x, given somewhere near.
+    pub fn follow_all(
         &self,
         scaffold: &Scaffold,
-        (xi, inverse): (Vec3, &Mat3),
-        step: Vec3,
-        to: Vec3,
-    ) -> (Vec3, Option<Mat3>) {
-        let ahead = xi + inverse * step;
-        match &self.inverse {
-            Inverse::Affine { .. } => (ahead, None),
-            Inverse::Curved { .. } => {
-                // One Newton step, from the clamped point so that the Jacobian is regular.
-                let from = self.clamp(ahead);
-                let (p, jacobian) = scaffold
-                    .element(self.number)
-                    .map_and_jacobian(CellPoint(from));
-                let there = jacobian.try_inverse().unwrap_or(*inverse);
-                (from + there * (to - p.0), Some(there))
-            }
+        to: &[Vec3],
+        at: &mut [CellPoint<3>],
+        inverses: &mut [Mat3],
+    ) {
+        if self.is_affine() {
+            return;
         }
-    }
-
-    /// d xi / d x: that of the whole element, or if it is curved, what is found at a point.
-    pub fn inverse<'a>(&'a self, found: Option<&'a Mat3>) -> &'a Mat3 {
-        let (Inverse::Affine { matrix, .. } | Inverse::Curved { matrix, .. }) = &self.inverse;
-        found.unwrap_or(matrix)
-    }
-
-    /// Reference coordinates of a point, if the map is affine.
-    pub fn affine_point(&self, x: Vec3) -> Option<Vec3> {
-        match &self.inverse {
-            Inverse::Affine { matrix, centre } => Some(matrix * (x - centre)),
-            Inverse::Curved { .. } => None,
+        if let Some(curve) = self.curve(scaffold) {
+            return curve.follow_all(to, at, inverses);
+        }
+        for ((&to, at), inverse) in to.iter().zip(at).zip(inverses) {
+            // From the clamped point, so that the Jacobian is regular.
+            let from = self.clamp(at.0);
+            let (p, jacobian) = self.frame(scaffold, from);
+            *inverse = jacobian.try_inverse().unwrap_or(*inverse);
+            at.0 = from + *inverse * (to - p);
         }
     }
 
@@ -325,4 +350,13 @@ impl Patch {
     pub fn shape(&self) -> Element {
         self.shape
     }
+}
+
+/// Whether a step of Newton's method may be the last, which moved by this much in the closed cell and
+/// found the point so far beyond it. Inside, convergence is quadratic: the next step would be the square
+/// of this one. Outside it is linear, each step a small share (curvature times overshoot) of the last.
+/// On the faces the last digit decides who owns a point.
+pub(super) fn is_settled(moved: f64, beyond: f64, is_rough: bool) -> bool {
+    let is_exact = beyond > 0.0 && !(is_rough && beyond > 1e-3);
+    moved < if is_exact { 1e-9 } else { 1e-6 }
 }

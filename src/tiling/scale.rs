@@ -72,12 +72,12 @@ impl<F: Filling> TiledSolid<'_, F> {
     fn scale(&self, patch: &Patch, spot: &Spot, x: Vec3, slope: (f64, Vec3)) -> f64 {
         let mut advance = self.advance(patch, slope);
         if advance.goes_on() {
-            let step = advance.step;
-            let from = (spot.xi, &spot.inverse);
-            let (xi, there) = patch.follow(self.scaffold, from, step, x + step);
-            let at = CellPoint(xi);
-            let (f, g) = self.filling.value_and_gradient(patch.number(), at);
-            let slope = (f, patch.inverse(there.as_ref()).tr_mul(&g));
+            let to = x + advance.step;
+            let mut at = [CellPoint(spot.xi + spot.inverse * advance.step)];
+            let mut inverse = [spot.inverse];
+            patch.follow_all(self.scaffold, &[to], &mut at, &mut inverse);
+            let (f, g) = self.filling.value_and_gradient(patch.number(), at[0]);
+            let slope = (f, inverse[0].tr_mul(&g));
             advance.arrive(self.step(patch, slope));
         }
         advance.scale(patch)

@@ -1,16 +1,18 @@
 //! What point location and inverse maps cost beside the cell itself.
 //!
-//! `cargo bench --bench scaffolds`: for each kind of element, nanoseconds per evaluated voxel of leaves of
-//! a tiling, and of the cell's table alone for as many values, and two values with gradients for each
-//! voxel in the band: what its distance takes. The ratio is what the scaffold adds: inverse maps, owners,
-//! neighbours, the boundary. It is to be at most 3. Processor time, rounds in turn, medians.
+//! `cargo bench --bench scaffolds`, for some kinds `cargo bench --bench scaffolds -- Tet10 Hex20`: for each
+//! kind of element, nanoseconds per evaluated voxel of leaves of a tiling, and of the cell's table alone,
+//! asked again for the values and gradients that the tiling asked it for, at the same points. The ratio is
+//! what the scaffold adds: inverse maps, owners, neighbours, bounds, the boundary. It is to be at most 3.
+//! Processor time, rounds in turn, medians.
 
 use druse::cell::{Surface, Table};
-use druse::field::{Field, SampleLattice};
-use druse::frame::{CellPoint, Element, Vec3, WorldPoint};
+use druse::field::{Field, Interval, SampleLattice};
+use druse::frame::{CellBox, CellPoint, Element, Vec3, WorldPoint};
 use druse::scaffold::{Connectivity, Kind, Scaffold};
-use druse::tiling::{Boundary, Distance, TiledSolid, TilingOptions};
+use druse::tiling::{Boundary, CellField, Distance, TiledSolid, TilingOptions};
 use std::hint::black_box;
+use std::sync::Mutex;
 
 /// A block of one kind, its nodes bent, so that maps of all but Tet4 are curved.
 fn block(kind: Kind) -> Scaffold {
@@ -44,6 +46,64 @@ fn block(kind: Kind) -> Scaffold {
     Scaffold::new(nodes, elements).unwrap()
 }
 
+/// What a tiling asks a cell.
+enum Asked {
+    Value(CellPoint<3>),
+    Slope(CellPoint<3>),
+    Values(Vec<CellPoint<3>>),
+    Slopes(Vec<CellPoint<3>>),
+}
+
+/// A table that notes what it is asked.
+struct Noted<'a> {
+    table: &'a Table,
+    asked: Mutex<Vec<Asked>>,
+}
+
+impl Noted<'_> {
+    fn note(&self, question: Asked) {
+        self.asked.lock().unwrap().push(question);
+    }
+}
+
+impl Field for Noted<'_> {
+    type Point = CellPoint<3>;
+    fn value(&self, p: CellPoint<3>) -> f64 {
+        self.note(Asked::Value(p));
+        Field::value(self.table, p)
+    }
+    fn value_and_gradient(&self, p: CellPoint<3>) -> (f64, Vec3) {
+        self.note(Asked::Slope(p));
+        Field::value_and_gradient(self.table, p)
+    }
+    fn bound(&self, region: &CellBox<3>) -> Interval {
+        Field::bound(self.table, region)
+    }
+}
+
+impl CellField for Noted<'_> {
+    fn element(&self) -> Element {
+        CellField::element(self.table)
+    }
+    fn fits_any_numbering(&self) -> bool {
+        CellField::fits_any_numbering(self.table)
+    }
+    fn gradient_sup(&self) -> f64 {
+        CellField::gradient_sup(self.table)
+    }
+    fn gradient_rms(&self) -> f64 {
+        CellField::gradient_rms(self.table)
+    }
+    fn values(&self, points: &[CellPoint<3>], out: &mut [f64]) {
+        self.note(Asked::Values(points.to_vec()));
+        CellField::values(self.table, points, out);
+    }
+    fn slopes(&self, points: &[CellPoint<3>], out: &mut [(f64, Vec3)]) {
+        self.note(Asked::Slopes(points.to_vec()));
+        CellField::slopes(self.table, points, out);
+    }
+}
+
 /// Rounds of each measurement.
 const ROUNDS: usize = 7;
 /// What the ratio is to be at most.
@@ -62,7 +122,13 @@ fn median(mut seconds: Vec<f64>) -> f64 {
 
 fn main() {
     println!("kind      ns per evaluated voxel  of which the cell  evaluated per active  ratio");
-    for kind in Kind::solids().filter(|k| matches!(k.shape(), Element::Tet | Element::Hex)) {
+    let named: Vec<String> = std::env::args()
+        .skip(1)
+        .filter(|a| !a.starts_with('-'))
+        .collect();
+    let is_wanted = |k: &Kind| named.is_empty() || named.iter().any(|n| n == k.name());
+    let solids = Kind::solids().filter(|k| matches!(k.shape(), Element::Tet | Element::Hex));
+    for kind in solids.filter(is_wanted) {
         let scaffold = block(kind);
         assert!(kind == Kind::Tet4 || scaffold.elements().any(|e| !e.is_affine()));
         let surface = if kind.shape() == Element::Tet {
@@ -71,6 +137,10 @@ fn main() {
             Surface::Neovius
         };
         let table = Table::new(&surface.cell(kind.shape()).unwrap()).unwrap();
+        let noted = Noted {
+            table: &table,
+            asked: Mutex::default(),
+        };
         let h = 0.02;
         let options = TilingOptions {
             voxel_size: h,
@@ -89,15 +159,14 @@ fn main() {
             .collect();
         let (mut looked, mut active) = (0u64, 0usize);
         let mut out = vec![0f32; 512];
+        let noting = TiledSolid::new(&scaffold, &noted, options).unwrap();
+        noted.asked.lock().unwrap().clear();
         for leaf in &leaves {
-            looked += tiled.fill_counting(leaf, &mut out);
+            looked += noting.fill_counting(leaf, &mut out);
             active += out.iter().filter(|v| v.abs() < (3.0 * h) as f32).count();
         }
-        // The voxels of a leaf as an element sees them.
-        let points: Vec<CellPoint<3>> = (0..512)
-            .map(|n| CellPoint((leaves[0].point(n).0 - leaves[0].origin.0).add_scalar(-0.3)))
-            .collect();
-        let (mut values, mut slopes) = (vec![0f32; 512], vec![[0f32; 4]; 512]);
+        let asked = noted.asked.lock().unwrap();
+        let (mut values, mut slopes) = (vec![0.0; 512], vec![(0.0, Vec3::zeros()); 512]);
         let (mut whole, mut cell) = (Vec::new(), Vec::new());
         for _ in 0..ROUNDS {
             let start = processor_seconds();
@@ -106,13 +175,14 @@ fn main() {
                 black_box(&out);
             }
             let between = processor_seconds();
-            for _ in 0..looked / 512 {
-                table.values(black_box(&points), &mut values);
-                black_box(&values);
-            }
-            for _ in 0..2 * active / 512 {
-                table.values_and_gradients(black_box(&points), &mut slopes);
-                black_box(&slopes);
+            for question in &*asked {
+                match question {
+                    Asked::Value(p) => values[0] = Field::value(&table, *p),
+                    Asked::Slope(p) => slopes[0] = Field::value_and_gradient(&table, *p),
+                    Asked::Values(p) => CellField::values(&table, p, &mut values[..p.len()]),
+                    Asked::Slopes(p) => CellField::slopes(&table, p, &mut slopes[..p.len()]),
+                }
+                black_box((&values, &slopes));
             }
             whole.push(between - start);
             cell.push(processor_seconds() - between);

@@ -19,7 +19,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
             "symmetry", "field", "mesh", "frame", "progress", "sets", "lanes",
         ],
     ),
-    ("scaffold", &["frame", "mesh", "progress", "sets"]),
+    ("scaffold", &["frame", "lanes", "mesh", "progress", "sets"]),
     (
         "tiling",
         &[

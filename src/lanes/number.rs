@@ -1,0 +1,165 @@
+//! Formulas written once, for one double and for four at a time.
+// Small functions of hot paths, which must be compiled for the processor that their caller is for.
+#![allow(clippy::inline_always)]
+
+use super::Lanes;
+use std::ops::{Add, Div, Mul, Sub};
+
+/// A double, or a row of them that are reckoned with alike.
+pub trait Number:
+    Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Div<Output = Self>
+{
+    /// The same number in every place of the row.
+    #[must_use]
+    fn like(self, v: f64) -> Self;
+    /// self b + c, fused where that is one instruction.
+    #[must_use]
+    fn fused(self, b: Self, c: Self) -> Self;
+    /// Square root.
+    #[must_use]
+    fn sqrt(self) -> Self;
+    /// The lesser.
+    #[must_use]
+    fn min(self, other: Self) -> Self;
+    /// The greater.
+    #[must_use]
+    fn max(self, other: Self) -> Self;
+    /// x where self < bound, else y.
+    #[must_use]
+    fn below(self, bound: Self, x: Self, y: Self) -> Self;
+    /// What `f` makes of each of a row of points.
+    #[must_use]
+    fn each(points: [Self; 3], f: impl Fn([f64; 3]) -> [f64; 3]) -> [Self; 3];
+
+    /// |self|.
+    #[must_use]
+    #[inline(always)]
+    fn abs(self) -> Self {
+        self.max(self.like(0.0) - self)
+    }
+}
+
+impl Number for f64 {
+    #[inline(always)]
+    fn like(self, v: f64) -> Self {
+        v
+    }
+    #[inline(always)]
+    fn fused(self, b: Self, c: Self) -> Self {
+        self * b + c
+    }
+    #[inline(always)]
+    fn sqrt(self) -> Self {
+        self.sqrt()
+    }
+    #[inline(always)]
+    fn min(self, other: Self) -> Self {
+        self.min(other)
+    }
+    #[inline(always)]
+    fn max(self, other: Self) -> Self {
+        self.max(other)
+    }
+    #[inline(always)]
+    fn below(self, bound: Self, x: Self, y: Self) -> Self {
+        if self < bound { x } else { y }
+    }
+    #[inline(always)]
+    fn each(points: [Self; 3], f: impl Fn([f64; 3]) -> [f64; 3]) -> [Self; 3] {
+        f(points)
+    }
+}
+
+/// Four doubles in the registers that `L` has.
+#[derive(Clone, Copy)]
+pub struct Four<L: Lanes>(L, L::D);
+
+impl<L: Lanes> Four<L> {
+    /// From memory.
+    #[inline(always)]
+    pub fn of(lanes: L, v: [f64; 4]) -> Self {
+        Self(lanes, lanes.four(v))
+    }
+
+    /// Four points, by coordinates.
+    #[inline(always)]
+    pub fn points(lanes: L, [a, b, c, d]: [[f64; 3]; 4]) -> [Self; 3] {
+        [
+            Self::of(lanes, [a[0], b[0], c[0], d[0]]),
+            Self::of(lanes, [a[1], b[1], c[1], d[1]]),
+            Self::of(lanes, [a[2], b[2], c[2], d[2]]),
+        ]
+    }
+
+    /// To memory.
+    #[inline(always)]
+    pub fn row(self) -> [f64; 4] {
+        self.0.doubles(self.1)
+    }
+}
+
+impl<L: Lanes> Add for Four<L> {
+    type Output = Self;
+    #[inline(always)]
+    fn add(self, b: Self) -> Self {
+        Self(self.0, self.0.add_four(self.1, b.1))
+    }
+}
+
+impl<L: Lanes> Sub for Four<L> {
+    type Output = Self;
+    #[inline(always)]
+    fn sub(self, b: Self) -> Self {
+        Self(self.0, self.0.sub_four(self.1, b.1))
+    }
+}
+
+impl<L: Lanes> Mul for Four<L> {
+    type Output = Self;
+    #[inline(always)]
+    fn mul(self, b: Self) -> Self {
+        Self(self.0, self.0.mul_four(self.1, b.1))
+    }
+}
+
+impl<L: Lanes> Div for Four<L> {
+    type Output = Self;
+    #[inline(always)]
+    fn div(self, b: Self) -> Self {
+        Self(self.0, self.0.div_four(self.1, b.1))
+    }
+}
+
+impl<L: Lanes> Number for Four<L> {
+    #[inline(always)]
+    fn like(self, v: f64) -> Self {
+        Self(self.0, self.0.all_four(v))
+    }
+    #[inline(always)]
+    fn fused(self, b: Self, c: Self) -> Self {
+        Self(self.0, self.0.fused_four(self.1, b.1, c.1))
+    }
+    #[inline(always)]
+    fn sqrt(self) -> Self {
+        Self(self.0, self.0.sqrt_four(self.1))
+    }
+    #[inline(always)]
+    fn min(self, other: Self) -> Self {
+        Self(self.0, self.0.min_four(self.1, other.1))
+    }
+    #[inline(always)]
+    fn max(self, other: Self) -> Self {
+        Self(self.0, self.0.max_four(self.1, other.1))
+    }
+    #[inline(always)]
+    fn below(self, bound: Self, x: Self, y: Self) -> Self {
+        let chosen = self.0.select_below_four(self.1, bound.1, x.1, y.1);
+        Self(self.0, chosen)
+    }
+    #[inline(always)]
+    fn each(points: [Self; 3], f: impl Fn([f64; 3]) -> [f64; 3]) -> [Self; 3] {
+        let [x, y, z] = [points[0].row(), points[1].row(), points[2].row()];
+        let moved = [0, 1, 2, 3].map(|n| f([x[n], y[n], z[n]]));
+        Self::points(points[0].0, moved)
+    }
+}

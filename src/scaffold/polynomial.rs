@@ -1,0 +1,163 @@
+//! The map of one element in powers of the cell's coordinates, for one point and for four at a time.
+// Small functions of hot paths, which must be compiled for the processor that their caller is for.
+#![allow(clippy::inline_always)]
+
+use crate::frame::Vec3;
+use crate::lanes::Number;
+
+/// Which powers there are.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) enum Powers {
+    /// Up to the first of each coordinate: 8.
+    Linear,
+    /// Up to the second in all: 10.
+    Simplex,
+    /// Up to the second of each coordinate: 27.
+    Quadratic,
+}
+
+/// `x_c(xi) = sum a_cijk xi_0^i xi_1^j xi_2^k`, by world coordinate c; of cubes by rows, i fastest, of
+/// simplices 1, `xi_0`, `xi_1`, `xi_2`, their squares, `xi_0 xi_1`, `xi_1 xi_2`, `xi_2 xi_0`.
+pub struct Polynomial {
+    powers: Powers,
+    coefficients: Box<[f64]>,
+}
+
+/// A row of `x = F(xi)`: a world coordinate and its derivatives by xi.
+type Row<T> = (T, [T; 3]);
+
+impl Polynomial {
+    /// Of a map that is such a polynomial, from its values where the coordinates are 0 or +-1/2.
+    pub(super) fn of(powers: Powers, map: impl Fn(Vec3) -> Vec3) -> Self {
+        let mut coefficients = Vec::new();
+        let values: Vec<Vec3> = (0..27)
+            .map(|n| Vec3::from([n % 3, n / 3 % 3, n / 9].map(|i| (i as f64 - 1.0) / 2.0)))
+            .map(map)
+            .collect();
+        for c in 0..3 {
+            let mut a: Vec<f64> = values.iter().map(|v| v[c]).collect();
+            for stride in [1, 3, 9] {
+                for first in (0..27).filter(|n| n / stride % 3 == 0) {
+                    let at = [first, first + stride, first + 2 * stride];
+                    let [low, middle, high] = at.map(|n| a[n]);
+                    if powers == Powers::Linear {
+                        (a[at[0]], a[at[1]]) = (low.midpoint(high), high - low);
+                    } else {
+                        a[at[0]] = middle;
+                        a[at[1]] = high - low;
+                        a[at[2]] = 2.0 * (low + high - 2.0 * middle);
+                    }
+                }
+            }
+            coefficients.extend(match powers {
+                Powers::Linear => [0, 1, 3, 4, 9, 10, 12, 13].map(|n| a[n]).to_vec(),
+                Powers::Simplex => [0, 1, 3, 9, 2, 6, 18, 4, 12, 10].map(|n| a[n]).to_vec(),
+                Powers::Quadratic => a,
+            });
+        }
+        Self {
+            powers,
+            coefficients: coefficients.into(),
+        }
+    }
+
+    /// The world point and dx/dxi by rows.
+    #[inline(always)]
+    pub fn evaluate<T: Number>(&self, xi: [T; 3]) -> ([T; 3], [[T; 3]; 3]) {
+        let ((x, dx), (y, dy), (z, dz)) = match self.powers {
+            Powers::Linear => (
+                linear(self.row(0), xi),
+                linear(self.row(1), xi),
+                linear(self.row(2), xi),
+            ),
+            Powers::Simplex => (
+                simplex(self.row(0), xi),
+                simplex(self.row(1), xi),
+                simplex(self.row(2), xi),
+            ),
+            Powers::Quadratic => (
+                quadratic(self.row(0), xi),
+                quadratic(self.row(1), xi),
+                quadratic(self.row(2), xi),
+            ),
+        };
+        ([x, y, z], [dx, dy, dz])
+    }
+
+    /// The powers' factors in one world coordinate.
+    #[inline(always)]
+    fn row<const N: usize>(&self, c: usize) -> &[f64; N] {
+        let row = self.coefficients[c * N..].first_chunk();
+        row.expect("as many coefficients as the powers have")
+    }
+}
+
+// In what follows closures would not be compiled for their caller's processor.
+
+#[inline(always)]
+fn linear<T: Number>(a: &[f64; 8], xi: [T; 3]) -> Row<T> {
+    let z = xi[2];
+    let low = bilinear([a[0], a[1], a[2], a[3]], xi);
+    let high = bilinear([a[4], a[5], a[6], a[7]], xi);
+    let slopes = [z.fused(high.1, low.1), z.fused(high.2, low.2), high.0];
+    (z.fused(high.0, low.0), slopes)
+}
+
+/// Value and derivatives by x and y of a layer.
+#[inline(always)]
+fn bilinear<T: Number>([a, b, c, d]: [f64; 4], [x, y, _]: [T; 3]) -> (T, T, T) {
+    let (low, high) = (x.fused(x.like(b), x.like(a)), x.fused(x.like(d), x.like(c)));
+    (y.fused(high, low), y.fused(x.like(d), x.like(b)), high)
+}
+
+#[inline(always)]
+fn simplex<T: Number>(a: &[f64; 10], [x, y, z]: [T; 3]) -> Row<T> {
+    let (cx, cy, cz) = (x.like(a[1]), x.like(a[2]), x.like(a[3]));
+    let (xy, yz, zx) = (x.like(a[7]), x.like(a[8]), x.like(a[9]));
+    let dx = (x + x).fused(x.like(a[4]), y.fused(xy, z.fused(zx, cx)));
+    let dy = (y + y).fused(x.like(a[5]), z.fused(yz, x.fused(xy, cy)));
+    let dz = (z + z).fused(x.like(a[6]), x.fused(zx, y.fused(yz, cz)));
+    // Of a form of degree 2, f = f(0) + (f'(0) + f'(xi)) xi / 2.
+    let twice = x.fused(dx + cx, y.fused(dy + cy, z * (dz + cz)));
+    (twice.fused(x.like(0.5), x.like(a[0])), [dx, dy, dz])
+}
+
+#[inline(always)]
+fn quadratic<T: Number>(a: &[f64; 27], xi: [T; 3]) -> Row<T> {
+    let z = xi[2];
+    let low = biquadratic(a, 0, xi);
+    let middle = biquadratic(a, 9, xi);
+    let high = biquadratic(a, 18, xi);
+    let slopes = [
+        parabola(z, low.1, middle.1, high.1),
+        parabola(z, low.2, middle.2, high.2),
+        (z + z).fused(high.0, middle.0),
+    ];
+    (parabola(z, low.0, middle.0, high.0), slopes)
+}
+
+/// Value and derivatives by x and y of a layer.
+#[inline(always)]
+fn biquadratic<T: Number>(a: &[f64; 27], from: usize, [x, y, _]: [T; 3]) -> (T, T, T) {
+    let low = row(a, from, x);
+    let middle = row(a, from + 3, x);
+    let high = row(a, from + 6, x);
+    (
+        parabola(y, low.0, middle.0, high.0),
+        parabola(y, low.1, middle.1, high.1),
+        (y + y).fused(high.0, middle.0),
+    )
+}
+
+/// Value and derivative of a row.
+#[inline(always)]
+fn row<T: Number>(a: &[f64; 27], from: usize, x: T) -> (T, T) {
+    let (c0, c1, c2) = (x.like(a[from]), x.like(a[from + 1]), x.like(a[from + 2]));
+    (parabola(x, c0, c1, c2), (x + x).fused(c2, c1))
+}
+
+/// a + b t + c t^2.
+#[inline(always)]
+fn parabola<T: Number>(t: T, a: T, b: T, c: T) -> T {
+    t.fused(t.fused(c, b), a)
+}

@@ -1,0 +1,277 @@
+//! Where points lie in a curved element: Newton's method for the continued map, four points at a time.
+// Small functions of hot paths, which must be compiled for the processor that their caller is for.
+#![allow(clippy::inline_always)]
+
+use super::clamp::{beyond_row, clamp_row};
+use super::patch::{Spot, is_settled};
+use crate::frame::{CellPoint, Element, Mat3, Vec3};
+use crate::lanes::{self, Four, Lanes, Number, Work};
+use crate::scaffold::Polynomial;
+
+/// Newton steps for four points; a point that takes more is looked for by itself.
+const STEPS: usize = 12;
+
+/// A point as an element has placed it: from there others are guessed.
+#[derive(Clone, Copy)]
+pub(super) struct Trail {
+    pub x: Vec3,
+    pub xi: Vec3,
+    /// d xi / d x.
+    pub inverse: Mat3,
+}
+
+impl Trail {
+    pub fn guess(&self, x: Vec3) -> Vec3 {
+        self.xi + self.inverse * (x - self.x)
+    }
+}
+
+/// A curved element as the steps see it.
+#[derive(Clone, Copy)]
+pub(super) struct Curve<'a> {
+    pub map: &'a Polynomial,
+    pub shape: Element,
+}
+
+/// What a step finds, from a point of the closed cell.
+struct Step<T> {
+    /// Where the cell's point lies in the world.
+    from: [T; 3],
+    xi: [T; 3],
+    /// d xi / d x by rows, at the cell's point.
+    inverse: [[T; 3]; 3],
+}
+
+// In what follows closures would not be compiled for their caller's processor.
+
+/// a . b + c.
+#[inline(always)]
+fn dot<T: Number>(a: [T; 3], b: [T; 3], c: T) -> T {
+    a[0].fused(b[0], a[1].fused(b[1], a[2].fused(b[2], c)))
+}
+
+/// m a + c.
+#[inline(always)]
+fn product<T: Number>(m: [[T; 3]; 3], a: [T; 3], c: [T; 3]) -> [T; 3] {
+    [dot(m[0], a, c[0]), dot(m[1], a, c[1]), dot(m[2], a, c[2])]
+}
+
+#[inline(always)]
+fn difference<T: Number>(a: [T; 3], b: [T; 3]) -> [T; 3] {
+    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
+}
+
+#[inline(always)]
+fn scaled<T: Number>(a: [T; 3], by: T) -> [T; 3] {
+    [a[0] * by, a[1] * by, a[2] * by]
+}
+
+#[inline(always)]
+fn cross<T: Number>(a: [T; 3], b: [T; 3]) -> [T; 3] {
+    [
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    ]
+}
+
+/// By the adjugate; not finite where there is none.
+#[inline(always)]
+fn inverse<T: Number>([a, b, c]: [[T; 3]; 3]) -> [[T; 3]; 3] {
+    let (bc, ca, ab) = (cross(b, c), cross(c, a), cross(a, b));
+    let share = a[0].like(1.0) / dot(a, bc, a[0].like(0.0));
+    let (p, q, r) = (scaled(bc, share), scaled(ca, share), scaled(ab, share));
+    [[p[0], q[0], r[0]], [p[1], q[1], r[1]], [p[2], q[2], r[2]]]
+}
+
+/// Numbers in all four places.
+#[inline(always)]
+fn alike<T: Number>(like: T, v: Vec3) -> [T; 3] {
+    [like.like(v.x), like.like(v.y), like.like(v.z)]
+}
+
+/// Points by coordinates; the last one again where there are fewer than four.
+#[inline(always)]
+fn rows<L: Lanes>(lanes: L, points: &[Vec3]) -> [Four<L>; 3] {
+    let last = points.len() - 1;
+    let (a, b, c, d) = (
+        points[0],
+        points[last.min(1)],
+        points[last.min(2)],
+        points[last],
+    );
+    Four::points(lanes, [a.into(), b.into(), c.into(), d.into()])
+}
+
+#[inline(always)]
+fn matrices<L: Lanes>(m: [[Four<L>; 3]; 3]) -> [[[f64; 4]; 3]; 3] {
+    [columns(m[0]), columns(m[1]), columns(m[2])]
+}
+
+#[inline(always)]
+fn columns<L: Lanes>(v: [Four<L>; 3]) -> [[f64; 4]; 3] {
+    [v[0].row(), v[1].row(), v[2].row()]
+}
+
+impl Curve<'_> {
+    /// A step towards `x` from `at`, which is in the closed cell.
+    #[inline(always)]
+    fn step<T: Number>(&self, x: [T; 3], at: [T; 3]) -> Step<T> {
+        let (from, jacobian) = self.map.evaluate(at);
+        let inverse = inverse(jacobian);
+        Step {
+            from,
+            xi: product(inverse, difference(x, from), at),
+            inverse,
+        }
+    }
+}
+
+/// Finds points in one element; `None` for those that take more steps than most.
+struct Find<'a> {
+    curve: Curve<'a>,
+    trail: &'a mut Trail,
+    is_rough: bool,
+    points: &'a [Vec3],
+    found: &'a mut Vec<Option<Spot>>,
+}
+
+impl Work for Find<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, lanes: L) {
+        for points in self.points.chunks(4) {
+            let four = rows(lanes, points);
+            let mut spots = [None; 4];
+            self.curve.find(four, self.trail, self.is_rough, &mut spots);
+            if let Some(spot) = &spots[0] {
+                (self.trail.x, self.trail.xi) = (points[0], spot.xi);
+                self.trail.inverse = spot.inverse;
+            }
+            self.found.extend(&spots[..points.len()]);
+        }
+    }
+}
+
+impl Curve<'_> {
+    /// Where points lie, each guessed from the last one of them that was found.
+    pub fn find_all(
+        &self,
+        trail: &mut Trail,
+        is_rough: bool,
+        points: &[Vec3],
+        found: &mut Vec<Option<Spot>>,
+    ) {
+        let curve = *self;
+        lanes::run(Find {
+            curve,
+            trail,
+            is_rough,
+            points,
+            found,
+        });
+    }
+
+    #[inline(always)]
+    fn find<L: Lanes>(
+        &self,
+        x: [Four<L>; 3],
+        trail: &Trail,
+        is_rough: bool,
+        spots: &mut [Option<Spot>; 4],
+    ) {
+        let ahead = difference(x, alike(x[0], trail.x));
+        let by = [
+            alike(x[0], trail.inverse.row(0).transpose()),
+            alike(x[0], trail.inverse.row(1).transpose()),
+            alike(x[0], trail.inverse.row(2).transpose()),
+        ];
+        let guess = product(by, ahead, alike(x[0], trail.xi));
+        let mut at = clamp_row(self.shape, guess);
+        for _ in 0..STEPS {
+            let step = self.step(x, at);
+            let next = clamp_row(self.shape, step.xi);
+            let beyond = beyond_row(self.shape, step.xi).row();
+            let [a, b, c] = difference(next, at);
+            let moved = a.abs().max(b.abs()).max(c.abs()).row();
+            let mut settled = [false; 4];
+            for n in 0..4 {
+                settled[n] = spots[n].is_none() && is_settled(moved[n], beyond[n], is_rough);
+            }
+            if settled.contains(&true) {
+                let rest = difference(x, step.from);
+                let overshoot = dot(rest, rest, x[0].like(0.0)).sqrt().row();
+                let (xi, inverse) = (columns(step.xi), matrices(step.inverse));
+                for n in (0..4).filter(|&n| settled[n]) {
+                    spots[n] = Some(Spot {
+                        xi: Vec3::from_fn(|r, _| xi[r][n]),
+                        inverse: Mat3::from_fn(|r, c| inverse[r][c][n]),
+                        beyond: beyond[n],
+                        overshoot: if beyond[n] > 0.0 { overshoot[n] } else { 0.0 },
+                    });
+                }
+                if spots.iter().all(Option::is_some) {
+                    return;
+                }
+            }
+            at = next;
+        }
+    }
+}
+
+/// One step for each point, which is good enough from close by.
+struct Follow<'a> {
+    curve: Curve<'a>,
+    points: &'a [Vec3],
+    at: &'a mut [CellPoint<3>],
+    inverses: &'a mut [Mat3],
+}
+
+impl Work for Follow<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, lanes: L) {
+        let Self {
+            curve,
+            points,
+            at,
+            inverses,
+        } = self;
+        let inverses = inverses.chunks_mut(4);
+        for ((points, at), inverses) in points.chunks(4).zip(at.chunks_mut(4)).zip(inverses) {
+            let last = points.len() - 1;
+            let x = rows(lanes, points);
+            let from = rows(
+                lanes,
+                &[at[0].0, at[last.min(1)].0, at[last.min(2)].0, at[last].0],
+            );
+            // From the clamped point, so that the Jacobian is regular.
+            let step = curve.step(x, clamp_row(curve.shape, from));
+            let (xi, rows) = (columns(step.xi), matrices(step.inverse));
+            for (n, (at, inverse)) in at.iter_mut().zip(inverses).enumerate() {
+                let to = Vec3::from_fn(|r, _| xi[r][n]);
+                // A map that is singular there is left as it was guessed.
+                if to.iter().all(|c| c.is_finite()) {
+                    at.0 = to;
+                    *inverse = Mat3::from_fn(|r, c| rows[r][c][n]);
+                }
+            }
+        }
+    }
+}
+
+impl Curve<'_> {
+    /// Moves reference coordinates that are close to those of `points` to them, but for the square of
+    /// the error; and d xi / d x to what it is where they came from.
+    pub fn follow_all(&self, points: &[Vec3], at: &mut [CellPoint<3>], inverses: &mut [Mat3]) {
+        let curve = *self;
+        lanes::run(Follow {
+            curve,
+            points,
+            at,
+            inverses,
+        });
+    }
+}
