@@ -47,6 +47,7 @@ mod place;
 mod scale;
 mod seam;
 mod source;
+mod walk;
 
 pub use blend::{Blend, Member};
 pub use certificate::{Certificate, FaceStatistics, Seam, certify};

@@ -9,7 +9,7 @@
 use super::near::{Asking, Known, Local, Owner};
 use super::patch::Spot;
 use super::place::Trail;
-use super::scale::Advance;
+use super::walk::{self, Leg, Walkers};
 use super::{Filling, TiledSolid};
 use crate::frame::{CellPoint, Mat3, Vec3};
 
@@ -45,7 +45,6 @@ struct Seat {
     item: u32,
     place: u32,
     weight: f64,
-    advance: Advance,
 }
 
 /// The sum of the shares in a sample.
@@ -81,11 +80,15 @@ pub(super) struct Batch {
     /// Items in the band near faces.
     shared: Vec<u32>,
     seats: Vec<Seat>,
-    /// One for every seat, then for every seat that goes on.
+    /// One for every seat.
     next: Questions,
+    x: Vec<Vec3>,
     inverses: Vec<Mat3>,
     slopes: Vec<(f64, Vec3)>,
-    ahead: Vec<u32>,
+    legs: Vec<Leg>,
+    scales: Vec<f64>,
+    /// Which items are looked for in a neighbour.
+    asking_for: Vec<u32>,
     /// One for every item.
     sums: Vec<Sum>,
     /// At how many points a cell was looked at: samples, and centres of blocks.
@@ -185,17 +188,27 @@ impl<F: Filling> TiledSolid<'_, F> {
         } = batch;
         self.owners(local, centres, &mut batch.asking, owners);
         for (number, (&x, owner)) in centres.iter().zip(owners).enumerate() {
-            let Some(Owner { place, spot }) = *owner else {
+            let Some(Owner { place, spot }) = owner else {
                 continue;
             };
-            let depth = self.patch(local, place).depth(x, &spot);
+            let patch = self.patch(local, *place);
+            let depth = patch.depth(x, spot);
             if depth > ball(&blocks[number]).1 {
-                let Spot { xi, inverse, .. } = spot;
-                batch.asked.push(place as u32, xi);
+                // The map's second derivatives hardly change from block to block.
+                let trail = match batch.blocks.last().filter(|b| b.place == *place) {
+                    Some(last) => Trail {
+                        x,
+                        xi: spot.xi,
+                        inverse: spot.inverse,
+                        ..last.trail
+                    },
+                    None => patch.trail(self.scaffold, x, spot),
+                };
+                batch.asked.push(*place as u32, spot.xi);
                 batch.blocks.push(Block {
                     number,
-                    place,
-                    trail: Trail { x, xi, inverse },
+                    place: *place,
+                    trail,
                     depth,
                     f: 0.0,
                 });
@@ -304,6 +317,7 @@ impl<F: Filling> TiledSolid<'_, F> {
         batch.seats.clear();
         batch.shared.clear();
         batch.next.clear();
+        batch.x.clear();
         batch.inverses.clear();
         for n in 0..batch.items.len() {
             let (item, f) = (&batch.items[n], batch.values[n]);
@@ -324,19 +338,19 @@ impl<F: Filling> TiledSolid<'_, F> {
         for place in 0..local.near.patches.len() {
             let patch = self.patch(local, place);
             batch.at.clear();
-            batch.ahead.clear();
+            batch.asking_for.clear();
             for &n in &shared {
                 let item = &batch.items[n as usize];
                 if item.place as usize == place {
                     batch.seat_in_owner(n);
                 } else if !patch.is_beyond(item.target.x, self.delta()) {
                     batch.at.push(item.target.x);
-                    batch.ahead.push(n);
+                    batch.asking_for.push(n);
                 }
             }
             self.spots(local, place, &batch.at, &mut spots);
             for k in 0..spots.len() {
-                let (n, x) = (batch.ahead[k], batch.at[k]);
+                let (n, x) = (batch.asking_for[k], batch.at[k]);
                 let Some(spot) = &spots[k] else {
                     continue;
                 };
@@ -359,53 +373,47 @@ impl<F: Filling> TiledSolid<'_, F> {
             items,
             seats,
             next,
+            x,
             inverses,
             slopes,
-            ahead,
-            at,
+            legs,
+            scales,
             sums,
             ..
         } = batch;
         self.ask_slopes(local, next, slopes);
         sums.clear();
         sums.resize(items.len(), Sum::default());
-        ahead.clear();
-        at.clear();
-        for (k, seat) in seats.iter_mut().enumerate() {
-            let ((f, g), inverse) = (slopes[k], inverses[k]);
-            let item = &items[seat.item as usize];
-            if seat.place == item.place {
-                sums[seat.item as usize].f = f;
-            }
-            let patch = self.patch(local, seat.place as usize);
-            seat.advance = self.advance(patch, (f, inverse.tr_mul(&g)));
-            if seat.advance.goes_on() {
-                // Seats that go on move up.
-                let (to, step) = (ahead.len(), seat.advance.step);
-                next.points[to] = CellPoint(next.points[k].0 + inverse * step);
-                next.places[to] = seat.place;
-                inverses[to] = inverse;
-                at.push(item.target.x + step);
-                ahead.push(k as u32);
+        for (seat, (f, _)) in seats.iter().zip(&*slopes) {
+            if seat.place == items[seat.item as usize].place {
+                sums[seat.item as usize].f = *f;
             }
         }
-        next.points.truncate(ahead.len());
-        next.places.truncate(ahead.len());
+        legs.resize(seats.len(), Leg::default());
+        scales.resize(seats.len(), 0.0);
         Questions::by_place(&next.places, |place, run| {
-            let (to, inverses) = (&at[run.clone()], &mut inverses[run.clone()]);
             let patch = self.patch(local, place);
-            patch.follow_all(self.scaffold, to, &mut next.points[run], inverses);
+            let walkers = Walkers {
+                x: &x[run.clone()],
+                at: &mut next.points[run.clone()],
+                inverses: &mut inverses[run.clone()],
+                slopes: &slopes[run.clone()],
+                legs: &mut legs[run],
+            };
+            patch.set_off(self.scaffold, self.pace(patch), walkers);
         });
         self.ask_slopes(local, next, slopes);
-        for (&k, (&(f, g), inverse)) in ahead.iter().zip(slopes.iter().zip(&*inverses)) {
-            let seat = &mut seats[k as usize];
-            let patch = self.patch(local, seat.place as usize);
-            let step = self.step(patch, (f, inverse.tr_mul(&g)));
-            seat.advance.arrive(step);
-        }
-        for seat in &*seats {
+        Questions::by_place(&next.places, |place, run| {
+            walk::arrive(
+                self.pace(self.patch(local, place)),
+                &slopes[run.clone()],
+                &inverses[run.clone()],
+                &legs[run.clone()],
+                &mut scales[run],
+            );
+        });
+        for (seat, scale) in seats.iter().zip(&*scales) {
             let sum = &mut sums[seat.item as usize];
-            let scale = seat.advance.scale(self.patch(local, seat.place as usize));
             sum.scales += seat.weight * scale;
             sum.weights += seat.weight;
         }
@@ -440,11 +448,11 @@ impl Batch {
     fn take_seat(&mut self, item: u32, place: u32, (xi, inverse): (Vec3, Mat3), weight: f64) {
         self.next.push(place, xi);
         self.inverses.push(inverse);
+        self.x.push(self.items[item as usize].target.x);
         self.seats.push(Seat {
             item,
             place,
             weight,
-            advance: Advance::default(),
         });
     }
 }

@@ -76,7 +76,13 @@ impl Local {
 
     fn note(&self, place: usize, x: Vec3, spot: &Spot) {
         let (xi, inverse) = (spot.xi, spot.inverse);
-        self.trails[place].set(Some(Trail { x, xi, inverse }));
+        let bend = Default::default();
+        self.trails[place].set(Some(Trail {
+            x,
+            xi,
+            inverse,
+            bend,
+        }));
     }
 
     /// An empty list, to be filled by [`TiledSolid::narrow`], for values in single precision.

@@ -1,6 +1,7 @@
 //! One element of the scaffold with the cell in it: inverse map, slopes, distance to its faces.
 
 use super::place::{Curve, Trail};
+use super::walk::{self, Pace, Walkers};
 use crate::frame::{Aabb, CellPoint, Element, Mat3, Vec3};
 use crate::scaffold::Scaffold;
 
@@ -224,6 +225,7 @@ impl Patch {
             x: *centre,
             xi: Vec3::zeros(),
             inverse: *matrix,
+            bend: Default::default(),
         }
     }
 
@@ -294,27 +296,54 @@ impl Patch {
         }
     }
 
-    /// Brings reference coordinates near those of the points `to` there, by one step of Newton's method,
-    /// and d xi / d x, given somewhere near.
-    pub fn follow_all(
-        &self,
-        scaffold: &Scaffold,
-        to: &[Vec3],
-        at: &mut [CellPoint<3>],
-        inverses: &mut [Mat3],
-    ) {
-        if self.is_affine() {
-            return;
+    /// The first step of points of the element towards the zero set.
+    pub fn set_off(&self, scaffold: &Scaffold, pace: Pace, walkers: Walkers) {
+        let element = scaffold.element(self.number);
+        if self.is_affine() || element.polynomial().is_some() {
+            return walk::set_off(pace, self.curve(scaffold), walkers);
         }
-        if let Some(curve) = self.curve(scaffold) {
-            return curve.follow_all(to, at, inverses);
-        }
-        for ((&to, at), inverse) in to.iter().zip(at).zip(inverses) {
-            // From the clamped point, so that the Jacobian is regular.
-            let from = self.clamp(at.0);
+        let Walkers {
+            x,
+            at,
+            inverses,
+            slopes,
+            legs,
+        } = walkers;
+        for n in 0..x.len() {
+            let before = inverses[n];
+            walk::set_off(
+                pace,
+                None,
+                Walkers {
+                    x: &x[n..=n],
+                    at: &mut at[n..=n],
+                    inverses: &mut inverses[n..=n],
+                    slopes: &slopes[n..=n],
+                    legs: &mut legs[n..=n],
+                },
+            );
+            // One Newton step, from the clamped point so that the Jacobian is regular.
+            let from = self.clamp(at[n].0);
             let (p, jacobian) = self.frame(scaffold, from);
-            *inverse = jacobian.try_inverse().unwrap_or(*inverse);
-            at.0 = from + *inverse * (to - p);
+            inverses[n] = jacobian.try_inverse().unwrap_or(before);
+            at[n].0 = from + inverses[n] * (x[n] + legs[n].way - p);
+        }
+    }
+
+    /// How far a step may go in it.
+    pub fn pace(&self, half_width: f64, voxel_size: f64) -> Pace {
+        Pace::new(self.slope_rms, self.slope_sup, half_width, voxel_size)
+    }
+
+    /// A trail from a point as the element has placed it.
+    pub fn trail(&self, scaffold: &Scaffold, x: Vec3, spot: &Spot) -> Trail {
+        let (xi, inverse) = (spot.xi, spot.inverse);
+        let bend = self.curve(scaffold).map(|c| c.bend(xi, &inverse));
+        Trail {
+            x,
+            xi,
+            inverse,
+            bend: bend.unwrap_or_default(),
         }
     }
 

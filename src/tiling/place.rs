@@ -4,12 +4,15 @@
 
 use super::clamp::{beyond_row, clamp_row};
 use super::patch::{Spot, is_settled};
-use crate::frame::{CellPoint, Element, Mat3, Vec3};
+use crate::frame::{Element, Mat3, Vec3};
 use crate::lanes::{self, Four, Lanes, Number, Work};
 use crate::scaffold::Polynomial;
 
 /// Newton steps for four points; a point that takes more is looked for by itself.
 const STEPS: usize = 12;
+
+/// Rows of a matrix.
+pub(super) type Matrix<T> = [[T; 3]; 3];
 
 /// A point as an element has placed it: from there others are guessed.
 #[derive(Clone, Copy)]
@@ -18,11 +21,24 @@ pub(super) struct Trail {
     pub xi: Vec3,
     /// d xi / d x.
     pub inverse: Mat3,
+    /// Half the second derivatives of xi by x: by x x, y y, z z, and twice that by x y, y z, z x; or
+    /// nothing, if they are not known.
+    pub bend: [Vec3; 6],
 }
 
 impl Trail {
     pub fn guess(&self, x: Vec3) -> Vec3 {
-        self.xi + self.inverse * (x - self.x)
+        let d = x - self.x;
+        let second = [
+            d.x * d.x,
+            d.y * d.y,
+            d.z * d.z,
+            d.x * d.y,
+            d.y * d.z,
+            d.z * d.x,
+        ];
+        let bent: Vec3 = self.bend.iter().zip(second).map(|(b, s)| b * s).sum();
+        self.xi + self.inverse * d + bent
     }
 }
 
@@ -39,20 +55,20 @@ struct Step<T> {
     from: [T; 3],
     xi: [T; 3],
     /// d xi / d x by rows, at the cell's point.
-    inverse: [[T; 3]; 3],
+    inverse: Matrix<T>,
 }
 
 // In what follows closures would not be compiled for their caller's processor.
 
 /// a . b + c.
 #[inline(always)]
-fn dot<T: Number>(a: [T; 3], b: [T; 3], c: T) -> T {
+pub(super) fn dot<T: Number>(a: [T; 3], b: [T; 3], c: T) -> T {
     a[0].fused(b[0], a[1].fused(b[1], a[2].fused(b[2], c)))
 }
 
 /// m a + c.
 #[inline(always)]
-fn product<T: Number>(m: [[T; 3]; 3], a: [T; 3], c: [T; 3]) -> [T; 3] {
+pub(super) fn product<T: Number>(m: Matrix<T>, a: [T; 3], c: [T; 3]) -> [T; 3] {
     [dot(m[0], a, c[0]), dot(m[1], a, c[1]), dot(m[2], a, c[2])]
 }
 
@@ -77,7 +93,7 @@ fn cross<T: Number>(a: [T; 3], b: [T; 3]) -> [T; 3] {
 
 /// By the adjugate; not finite where there is none.
 #[inline(always)]
-fn inverse<T: Number>([a, b, c]: [[T; 3]; 3]) -> [[T; 3]; 3] {
+fn inverse<T: Number>([a, b, c]: Matrix<T>) -> Matrix<T> {
     let (bc, ca, ab) = (cross(b, c), cross(c, a), cross(a, b));
     let share = a[0].like(1.0) / dot(a, bc, a[0].like(0.0));
     let (p, q, r) = (scaled(bc, share), scaled(ca, share), scaled(ab, share));
@@ -92,7 +108,7 @@ fn alike<T: Number>(like: T, v: Vec3) -> [T; 3] {
 
 /// Points by coordinates; the last one again where there are fewer than four.
 #[inline(always)]
-fn rows<L: Lanes>(lanes: L, points: &[Vec3]) -> [Four<L>; 3] {
+pub(super) fn rows<L: Lanes>(lanes: L, points: &[Vec3]) -> [Four<L>; 3] {
     let last = points.len() - 1;
     let (a, b, c, d) = (
         points[0],
@@ -104,16 +120,41 @@ fn rows<L: Lanes>(lanes: L, points: &[Vec3]) -> [Four<L>; 3] {
 }
 
 #[inline(always)]
-fn matrices<L: Lanes>(m: [[Four<L>; 3]; 3]) -> [[[f64; 4]; 3]; 3] {
+pub(super) fn matrices<L: Lanes>(m: Matrix<Four<L>>) -> [[[f64; 4]; 3]; 3] {
     [columns(m[0]), columns(m[1]), columns(m[2])]
 }
 
 #[inline(always)]
-fn columns<L: Lanes>(v: [Four<L>; 3]) -> [[f64; 4]; 3] {
+pub(super) fn columns<L: Lanes>(v: [Four<L>; 3]) -> [[f64; 4]; 3] {
     [v[0].row(), v[1].row(), v[2].row()]
 }
 
 impl Curve<'_> {
+    /// One step from a guess `at` that is close to where `x` lies, and d xi / d x (guessed as `by`) there.
+    #[inline(always)]
+    pub fn follow<T: Number>(
+        &self,
+        x: [T; 3],
+        at: [T; 3],
+        mut by: Matrix<T>,
+    ) -> ([T; 3], Matrix<T>) {
+        // From the clamped point, so that the Jacobian is regular.
+        let step = self.step(x, clamp_row(self.shape, at));
+        let mut to = at;
+        // A map that is singular there leaves everything as it was guessed.
+        let far = x[0].like(1e9);
+        let size = step.xi[0].abs().max(step.xi[1].abs()).max(step.xi[2].abs());
+        for (to, found) in to.iter_mut().zip(step.xi) {
+            *to = size.below(far, found, *to);
+        }
+        for (row, found) in by.iter_mut().zip(step.inverse) {
+            for (to, found) in row.iter_mut().zip(found) {
+                *to = size.below(far, found, *to);
+            }
+        }
+        (to, by)
+    }
+
     /// A step towards `x` from `at`, which is in the closed cell.
     #[inline(always)]
     fn step<T: Number>(&self, x: [T; 3], at: [T; 3]) -> Step<T> {
@@ -187,7 +228,17 @@ impl Curve<'_> {
             alike(x[0], trail.inverse.row(1).transpose()),
             alike(x[0], trail.inverse.row(2).transpose()),
         ];
-        let guess = product(by, ahead, alike(x[0], trail.xi));
+        let mut guess = product(by, ahead, alike(x[0], trail.xi));
+        let [p, q, r] = ahead;
+        for (bend, second) in trail
+            .bend
+            .iter()
+            .zip([p * p, q * q, r * r, p * q, q * r, r * p])
+        {
+            for (to, bend) in guess.iter_mut().zip(alike(second, *bend)) {
+                *to = second.fused(bend, *to);
+            }
+        }
         let mut at = clamp_row(self.shape, guess);
         for _ in 0..STEPS {
             let step = self.step(x, at);
@@ -220,58 +271,51 @@ impl Curve<'_> {
     }
 }
 
-/// One step for each point, which is good enough from close by.
-struct Follow<'a> {
+/// How d xi / d x turns on.
+struct Bend<'a> {
     curve: Curve<'a>,
-    points: &'a [Vec3],
-    at: &'a mut [CellPoint<3>],
-    inverses: &'a mut [Mat3],
+    at: Vec3,
+    inverse: &'a Mat3,
 }
 
-impl Work for Follow<'_> {
-    type Output = ();
+impl Work for Bend<'_> {
+    type Output = [Vec3; 6];
 
     #[inline(always)]
-    fn run<L: Lanes>(self, lanes: L) {
-        let Self {
-            curve,
-            points,
-            at,
-            inverses,
-        } = self;
-        let inverses = inverses.chunks_mut(4);
-        for ((points, at), inverses) in points.chunks(4).zip(at.chunks_mut(4)).zip(inverses) {
-            let last = points.len() - 1;
-            let x = rows(lanes, points);
-            let from = rows(
-                lanes,
-                &[at[0].0, at[last.min(1)].0, at[last.min(2)].0, at[last].0],
-            );
-            // From the clamped point, so that the Jacobian is regular.
-            let step = curve.step(x, clamp_row(curve.shape, from));
-            let (xi, rows) = (columns(step.xi), matrices(step.inverse));
-            for (n, (at, inverse)) in at.iter_mut().zip(inverses).enumerate() {
-                let to = Vec3::from_fn(|r, _| xi[r][n]);
-                // A map that is singular there is left as it was guessed.
-                if to.iter().all(|c| c.is_finite()) {
-                    at.0 = to;
-                    *inverse = Mat3::from_fn(|r, c| rows[r][c][n]);
+    fn run<L: Lanes>(self, lanes: L) -> [Vec3; 6] {
+        // Differences are exact: the Jacobian is of degree 2 at most in each coordinate.
+        const FAR: f64 = 0.25;
+        let a = self.inverse;
+        // - d a / d xi, by column of d x.
+        let mut turns = [Mat3::zeros(); 3];
+        for (axes, count) in [([0, 1], 2), ([2, 2], 1)] {
+            let (p, q) = (Vec3::ith(axes[0], FAR), Vec3::ith(axes[1], FAR));
+            let points = [self.at + p, self.at - p, self.at + q, self.at - q];
+            let (_, jacobian) = self.curve.map.evaluate(rows(lanes, &points));
+            let j = matrices(jacobian);
+            for (n, &axis) in axes.iter().enumerate().take(count) {
+                let slope =
+                    Mat3::from_fn(|r, c| (j[r][c][2 * n] - j[r][c][2 * n + 1]) / (2.0 * FAR));
+                let turn = a * slope * a;
+                for (by, turned) in turns.iter_mut().enumerate() {
+                    *turned += turn * a[(axis, by)];
                 }
             }
         }
+        [(0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (2, 0)].map(|(i, j)| {
+            let second: Vec3 = -turns[i].column(j);
+            if i == j { second / 2.0 } else { second }
+        })
     }
 }
 
 impl Curve<'_> {
-    /// Moves reference coordinates that are close to those of `points` to them, but for the square of
-    /// the error; and d xi / d x to what it is where they came from.
-    pub fn follow_all(&self, points: &[Vec3], at: &mut [CellPoint<3>], inverses: &mut [Mat3]) {
-        let curve = *self;
-        lanes::run(Follow {
-            curve,
-            points,
+    /// [`Trail::bend`] where a point lies.
+    pub fn bend(&self, at: Vec3, inverse: &Mat3) -> [Vec3; 6] {
+        lanes::run(Bend {
+            curve: *self,
             at,
-            inverses,
-        });
+            inverse,
+        })
     }
 }

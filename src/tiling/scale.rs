@@ -2,13 +2,9 @@
 
 use super::near::{Local, Owner};
 use super::patch::{Patch, Spot};
+use super::walk::{self, Leg, Pace, Walkers};
 use super::{Distance, Filling, TiledSolid};
 use crate::frame::{CellPoint, Vec3};
-
-/// Newton steps are damped where the slope is below this fraction of its mean.
-const DAMPING: f64 = 0.05;
-/// Scales beyond this many times the mean distance per field unit are cut off.
-const STEEPEST: f64 = 10.0;
 
 impl<F: Filling> TiledSolid<'_, F> {
     /// The distance d(F) at a point of the scaffold, clamped to the band; the boundary not regarded.
@@ -59,86 +55,33 @@ impl<F: Filling> TiledSolid<'_, F> {
         (slope.0 * sum / weights).clamp(-w, w)
     }
 
-    /// The filling's value in an element and its gradient in world space.
-    pub(super) fn slope(&self, element: u32, spot: &Spot) -> (f64, Vec3) {
-        let (f, g) = self
-            .filling
-            .value_and_gradient(element as usize, CellPoint(spot.xi));
-        (f, spot.inverse.tr_mul(&g))
+    /// The filling's value in an element and its gradient by reference coordinates.
+    fn slope(&self, element: u32, spot: &Spot) -> (f64, Vec3) {
+        let at = CellPoint(spot.xi);
+        self.filling.value_and_gradient(element as usize, at)
     }
 
     /// The scale `s_e`: distance per field unit at `x`, by two damped Newton steps with one element's
     /// own field, given its value and gradient there.
     fn scale(&self, patch: &Patch, spot: &Spot, x: Vec3, slope: (f64, Vec3)) -> f64 {
-        let mut advance = self.advance(patch, slope);
-        if advance.goes_on() {
-            let to = x + advance.step;
-            let mut at = [CellPoint(spot.xi + spot.inverse * advance.step)];
-            let mut inverse = [spot.inverse];
-            patch.follow_all(self.scaffold, &[to], &mut at, &mut inverse);
-            let (f, g) = self.filling.value_and_gradient(patch.number(), at[0]);
-            let slope = (f, inverse[0].tr_mul(&g));
-            advance.arrive(self.step(patch, slope));
-        }
-        advance.scale(patch)
+        let pace = self.pace(patch);
+        let (mut at, mut inverses) = ([CellPoint(spot.xi)], [spot.inverse]);
+        let (mut legs, mut scales) = ([Leg::default()], [0.0]);
+        let walkers = Walkers {
+            x: &[x],
+            at: &mut at,
+            inverses: &mut inverses,
+            slopes: &[slope],
+            legs: &mut legs,
+        };
+        patch.set_off(self.scaffold, pace, walkers);
+        let slope = self.filling.value_and_gradient(patch.number(), at[0]);
+        walk::arrive(pace, &[slope], &inverses, &legs, &mut scales);
+        scales[0]
     }
 
-    /// The first of both steps.
-    pub(super) fn advance(&self, patch: &Patch, (f, g): (f64, Vec3)) -> Advance {
-        let size = f.abs();
-        if size < 1e-9 * patch.slope_rms * self.options.voxel_size {
-            let damping = (DAMPING * patch.slope_rms).powi(2);
-            return Advance {
-                step: Vec3::zeros(),
-                size: 0.0,
-                scale: g.norm() / (g.norm_squared() + damping),
-            };
-        }
-        Advance {
-            step: self.step(patch, (f, g)),
-            size,
-            scale: 0.0,
-        }
-    }
-
-    /// A damped Newton step from a point with this value and gradient.
-    pub(super) fn step(&self, patch: &Patch, (f, g): (f64, Vec3)) -> Vec3 {
-        let damping = (DAMPING * patch.slope_rms).powi(2);
-        let longest = 2.0 * self.options.half_width;
-        let step = g * (-f / (g.norm_squared() + damping));
-        let square = step.norm_squared();
-        if square > longest * longest {
-            step * (longest / square.sqrt())
-        } else {
-            step
-        }
-    }
-}
-
-/// Two steps towards the zero set, of which one is made.
-#[derive(Clone, Copy, Default)]
-pub(super) struct Advance {
-    pub step: Vec3,
-    /// |F| at the start; 0 where that is a zero already.
-    size: f64,
-    scale: f64,
-}
-
-impl Advance {
-    /// Whether there is a second step.
-    pub fn goes_on(&self) -> bool {
-        self.size > 0.0
-    }
-
-    /// Makes the second step.
-    pub fn arrive(&mut self, step: Vec3) {
-        self.scale = (self.step + step).norm() / self.size;
-    }
-
-    /// The distance per field unit, not beyond its limits.
-    pub fn scale(&self, patch: &Patch) -> f64 {
-        self.scale
-            .min(STEEPEST / patch.slope_rms)
-            .max(1.0 / patch.slope_sup)
+    /// How far steps may go in an element.
+    pub(super) fn pace(&self, patch: &Patch) -> Pace {
+        patch.pace(self.options.half_width, self.options.voxel_size)
     }
 }
