@@ -47,7 +47,9 @@ mod place;
 mod scale;
 mod seam;
 mod source;
+mod trail;
 mod walk;
+mod walls;
 
 pub use blend::{Blend, Member};
 pub use certificate::{Certificate, FaceStatistics, Seam, certify};

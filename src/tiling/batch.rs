@@ -2,16 +2,20 @@
 //!
 //! Blocks of 2^3 samples that lie in one element are first asked at their centre: with L the slope's
 //! bound and R the block's half diagonal, |F| >= L (R + w) there decides all of them. Samples that are
-//! left are asked for their value; those with |F| < L w are seated in their owner and in the elements
+//! left are asked for their value; where the map is smooth they are placed by its second derivatives at
+//! the centre, else by Newton's method. Those with |F| < L w are seated in their owner and in the elements
 //! that share in the blend, which are asked for gradients, there and one step on. What comes out is
 //! what single points give.
 
+mod seats;
+
 use super::near::{Asking, Known, Local, Owner};
-use super::patch::Spot;
-use super::place::Trail;
-use super::walk::{self, Leg, Walkers};
+use super::patch::{Spot, Spots};
+use super::trail::Trail;
+use super::walk::Leg;
 use super::{Filling, TiledSolid};
 use crate::frame::{CellPoint, Mat3, Vec3};
+use seats::{Seat, Sum};
 
 /// A sample: where its value goes, and where it lies.
 #[derive(Clone, Copy)]
@@ -23,39 +27,41 @@ pub(super) struct Target {
 /// A sample whose distance is wanted.
 struct Item {
     target: Target,
-    /// Its owner's place in the list of near elements, and d xi / d x there.
+    /// Its owner's place in the list of near elements.
     place: u32,
-    inverse: Mat3,
+    how: How,
     /// How deep it lies under its owner's faces; a voxel stands for more.
     depth: f64,
+}
+
+/// How a sample was placed in its owner.
+#[derive(Clone, Copy)]
+enum How {
+    /// From the centre of a block.
+    Block(u32),
+    /// By itself, with d xi / d x in a list.
+    Alone(u32),
 }
 
 /// A block of samples within one element.
 struct Block {
     number: usize,
     place: usize,
+    radius: f64,
     /// Its centre.
     trail: Trail,
+    /// Whether its samples are where they are guessed to be.
+    is_smooth: bool,
     depth: f64,
     f: f64,
 }
 
-/// A sample in one of the elements that share in it.
-struct Seat {
-    item: u32,
-    place: u32,
-    weight: f64,
-}
+/// Guesses this good, in reference units, need no step of Newton's method.
+const GOOD: f64 = 1e-7;
+/// At how many other blocks' centres guesses are compared at least.
+const COMPARED: usize = 3;
 
-/// The sum of the shares in a sample.
-#[derive(Clone, Copy, Default)]
-struct Sum {
-    f: f64,
-    scales: f64,
-    weights: f64,
-}
-
-/// Points in elements that are asked for values or slopes together.
+/// Points in elements that are asked for values together.
 #[derive(Default)]
 struct Questions {
     places: Vec<u32>,
@@ -66,14 +72,15 @@ struct Questions {
 #[derive(Default)]
 pub(super) struct Batch {
     blocks: Vec<Block>,
-    centres: Vec<Vec3>,
     /// Samples whose element is not known from their block's.
     open: Vec<Target>,
     at: Vec<Vec3>,
     owners: Vec<Option<Owner>>,
-    spots: Vec<Option<Spot>>,
+    found: Spots,
     asking: Asking,
     items: Vec<Item>,
+    /// d xi / d x of items that were placed alone.
+    alone: Vec<Mat3>,
     /// One for every item.
     asked: Questions,
     values: Vec<f64>,
@@ -81,14 +88,14 @@ pub(super) struct Batch {
     shared: Vec<u32>,
     seats: Vec<Seat>,
     /// One for every seat.
-    next: Questions,
-    x: Vec<Vec3>,
+    points: Vec<CellPoint<3>>,
+    /// One for every seat that no block has d xi / d x for.
     inverses: Vec<Mat3>,
     slopes: Vec<(f64, Vec3)>,
     legs: Vec<Leg>,
     scales: Vec<f64>,
-    /// Which items are looked for in a neighbour.
-    asking_for: Vec<u32>,
+    /// Items that are looked for in a neighbour.
+    guests: Vec<u32>,
     /// One for every item.
     sums: Vec<Sum>,
     /// At how many points a cell was looked at: samples, and centres of blocks.
@@ -104,17 +111,6 @@ impl Questions {
     fn push(&mut self, place: u32, xi: Vec3) {
         self.places.push(place);
         self.points.push(CellPoint(xi));
-    }
-
-    /// Calls `ask` for each run of points that are in one place.
-    fn by_place(places: &[u32], mut ask: impl FnMut(usize, std::ops::Range<usize>)) {
-        let mut first = 0;
-        for end in 1..=places.len() {
-            if places.get(end) != Some(&places[first]) {
-                ask(places[first] as usize, first..end);
-                first = end;
-            }
-        }
     }
 }
 
@@ -141,6 +137,7 @@ impl<F: Filling> TiledSolid<'_, F> {
     ) {
         self.find_blocks(local, blocks, batch);
         batch.items.clear();
+        batch.alone.clear();
         batch.asked.clear();
         batch.open.clear();
         let w = self.options.half_width;
@@ -148,21 +145,21 @@ impl<F: Filling> TiledSolid<'_, F> {
             out[t.n as usize] = self.cut(component, d, t.x, known) as f32;
         };
         let whole = std::mem::take(&mut batch.blocks);
-        let mut next = whole.iter().peekable();
+        let mut next = 0;
         for (number, samples) in blocks.iter().enumerate() {
-            let Some(block) = next.next_if(|b| b.number == number) else {
+            let Some(block) = whole.get(next).filter(|b| b.number == number) else {
                 batch.open.extend(samples);
                 continue;
             };
-            let (_, radius) = ball(samples);
-            if block.f.abs() >= local.near.slope_sup * (radius + w) {
+            if block.f.abs() >= local.near.slope_sup * (block.radius + w) {
                 let d = w.copysign(block.f);
                 for t in samples {
                     found(t, d);
                 }
             } else {
-                self.enter_block(local, samples, block, block.depth - radius, batch);
+                self.enter_block(local, samples, (block, next), batch);
             }
+            next += 1;
         }
         batch.blocks = whole;
         self.enter_open(local, batch, |local, t| {
@@ -181,38 +178,42 @@ impl<F: Filling> TiledSolid<'_, F> {
     fn find_blocks(&self, local: &mut Local, blocks: &[Vec<Target>], batch: &mut Batch) {
         batch.blocks.clear();
         batch.asked.clear();
-        batch.centres.clear();
-        batch.centres.extend(blocks.iter().map(|b| ball(b).0));
-        let Batch {
-            centres, owners, ..
-        } = batch;
-        self.owners(local, centres, &mut batch.asking, owners);
-        for (number, (&x, owner)) in centres.iter().zip(owners).enumerate() {
+        batch.at.clear();
+        batch.at.extend(blocks.iter().map(|b| ball(b).0));
+        let Batch { at, owners, .. } = batch;
+        self.owners(local, at, &mut batch.asking, owners);
+        for (number, (&x, owner)) in at.iter().zip(owners).enumerate() {
             let Some(Owner { place, spot }) = owner else {
                 continue;
             };
             let patch = self.patch(local, *place);
-            let depth = patch.depth(x, spot);
-            if depth > ball(&blocks[number]).1 {
-                // The map's second derivatives hardly change from block to block.
-                let trail = match batch.blocks.last().filter(|b| b.place == *place) {
-                    Some(last) => Trail {
-                        x,
-                        xi: spot.xi,
-                        inverse: spot.inverse,
-                        ..last.trail
-                    },
-                    None => patch.trail(self.scaffold, x, spot),
-                };
-                batch.asked.push(*place as u32, spot.xi);
-                batch.blocks.push(Block {
-                    number,
-                    place: *place,
-                    trail,
-                    depth,
-                    f: 0.0,
-                });
+            let (radius, depth) = (ball(&blocks[number]).1, patch.depth(spot));
+            if depth <= radius {
+                continue;
             }
+            // The map's second derivatives hardly change from block to block.
+            let trail = match batch.blocks.last().filter(|b| b.place == *place) {
+                Some(last) => Trail {
+                    x,
+                    xi: spot.xi,
+                    inverse: spot.inverse,
+                    ..last.trail
+                },
+                None => self.trail(local, *place, x, spot),
+            };
+            batch.asked.push(*place as u32, spot.xi);
+            batch.blocks.push(Block {
+                number,
+                place: *place,
+                radius,
+                trail,
+                is_smooth: patch.is_affine(),
+                depth,
+                f: 0.0,
+            });
+        }
+        for blocks in batch.blocks.chunk_by_mut(|a, b| a.place == b.place) {
+            judge(blocks);
         }
         self.ask_values(local, batch);
         for (block, &f) in batch.blocks.iter_mut().zip(&batch.values) {
@@ -220,46 +221,57 @@ impl<F: Filling> TiledSolid<'_, F> {
         }
     }
 
-    /// Enters the samples of a block that lies in one element, all of them at least `sure` deep.
+    /// Enters the samples of a block that lies in one element; its number is that among such blocks.
     fn enter_block(
         &self,
         local: &Local,
         samples: &[Target],
-        block: &Block,
-        sure: f64,
+        (block, number): (&Block, usize),
         batch: &mut Batch,
     ) {
+        // A voxel stands for all depths that are more.
+        let sure = block.depth - block.radius;
         let patch = self.patch(local, block.place);
-        let is_deep = sure >= self.delta();
-        if patch.is_affine() {
-            for &target in samples {
-                let depth = if is_deep {
-                    sure
+        batch.at.clear();
+        batch.at.extend(samples.iter().map(|t| t.x));
+        if block.is_smooth {
+            let first = batch.asked.points.len();
+            block.trail.guess_all(&batch.at, &mut batch.asked.points);
+            let place = block.place as u32;
+            batch.asked.places.resize(batch.asked.points.len(), place);
+            for (&target, xi) in samples.iter().zip(&batch.asked.points[first..]) {
+                let depth = if sure < self.delta() {
+                    patch.depth_at(target.x, xi.0)
                 } else {
-                    patch.affine_depth(target.x)
+                    sure
                 };
-                let xi = block.trail.guess(target.x);
-                batch.enter(target, block.place, (xi, block.trail.inverse), depth);
+                batch.items.push(Item {
+                    target,
+                    place,
+                    how: How::Block(number as u32),
+                    depth,
+                });
             }
             return;
         }
-        batch.at.clear();
-        batch.at.extend(samples.iter().map(|t| t.x));
-        let (mut trail, mut spots) = (block.trail, std::mem::take(&mut batch.spots));
-        patch.spots(self.scaffold, &batch.at, (&mut trail, true), &mut spots);
-        for (&target, spot) in samples.iter().zip(&spots) {
-            if let Some(spot) = spot {
-                let depth = if is_deep {
-                    sure
-                } else {
-                    patch.depth(target.x, spot)
-                };
-                batch.enter(target, block.place, (spot.xi, spot.inverse), depth);
-            } else {
-                batch.open.push(target);
+        let mut found = std::mem::take(&mut batch.found);
+        let all = (&*batch.at, f64::INFINITY);
+        patch.spots(
+            self.scaffold,
+            all,
+            (&mut block.trail.clone(), true),
+            &mut found,
+        );
+        for (&target, spot) in samples.iter().zip(&found.all) {
+            match spot {
+                Some(spot) if sure >= self.delta() => {
+                    batch.enter_alone(target, block.place, spot, sure);
+                }
+                Some(spot) => batch.enter_alone(target, block.place, spot, patch.depth(spot)),
+                None => batch.open.push(target),
             }
         }
-        batch.spots = spots;
+        batch.found = found;
     }
 
     /// Enters samples whose owner is to be found; those without are handed to `strays`.
@@ -275,184 +287,69 @@ impl<F: Filling> TiledSolid<'_, F> {
         at.clear();
         at.extend(open.iter().map(|t| t.x));
         self.owners(local, at, &mut batch.asking, owners);
-        for n in 0..batch.open.len() {
+        let owners = std::mem::take(&mut batch.owners);
+        for (n, owner) in owners.iter().enumerate() {
             let target = batch.open[n];
-            if let Some(Owner { place, spot }) = batch.owners[n] {
-                let depth = self.patch(local, place).depth(target.x, &spot);
-                batch.enter(target, place, (spot.xi, spot.inverse), depth);
+            if let Some(Owner { place, spot }) = owner {
+                let depth = self.patch(local, *place).depth(spot);
+                batch.enter_alone(target, *place, spot, depth);
             } else {
                 batch.looked += 1;
                 strays(local, &target);
             }
         }
+        batch.owners = owners;
     }
 
     /// The field at all points that are asked for.
     fn ask_values(&self, local: &Local, batch: &mut Batch) {
         let Batch { asked, values, .. } = &mut *batch;
         values.resize(asked.points.len(), 0.0);
-        Questions::by_place(&asked.places, |place, run| {
-            let element = local.near.patches[place] as usize;
+        let mut first = 0;
+        for run in asked.places.chunk_by(|a, b| a == b) {
+            let element = local.near.patches[run[0] as usize] as usize;
+            let all = first..first + run.len();
+            first = all.end;
             self.filling
-                .values(element, &asked.points[run.clone()], &mut values[run]);
-        });
+                .values(element, &asked.points[all.clone()], &mut values[all]);
+        }
         batch.looked += batch.asked.points.len() as u64;
     }
+}
 
-    fn ask_slopes(&self, local: &Local, next: &Questions, slopes: &mut Vec<(f64, Vec3)>) {
-        slopes.resize(next.points.len(), (0.0, Vec3::zeros()));
-        Questions::by_place(&next.places, |place, run| {
-            let element = local.near.patches[place] as usize;
-            self.filling
-                .slopes(element, &next.points[run.clone()], &mut slopes[run]);
-        });
+/// Says of blocks in one element whether the map is as smooth as guesses take it to be: what the first
+/// one guesses of the others' centres, which errs by the third power of the distance, is compared.
+fn judge(blocks: &mut [Block]) {
+    let [first, others @ ..] = &*blocks else {
+        return;
+    };
+    let mut worst = if others.len() < COMPARED {
+        f64::INFINITY
+    } else {
+        0.0
+    };
+    for other in others {
+        let near = first.radius.max(other.radius) / (other.trail.x - first.trail.x).norm();
+        let error = (first.trail.guess(other.trail.x) - other.trail.xi).norm();
+        worst = worst.max(error * near.powi(3));
     }
-
-    /// Hands samples that are certainly far to `found`, and seats the others in their owners and in the
-    /// elements that share in them.
-    fn seat(&self, local: &Local, batch: &mut Batch, mut found: impl FnMut(&Target, f64)) {
-        let w = self.options.half_width;
-        // Every scale is at least 1 / L.
-        let most = w * local.near.slope_sup;
-        batch.seats.clear();
-        batch.shared.clear();
-        batch.next.clear();
-        batch.x.clear();
-        batch.inverses.clear();
-        for n in 0..batch.items.len() {
-            let (item, f) = (&batch.items[n], batch.values[n]);
-            if f.abs() >= most {
-                found(&item.target, w.copysign(f));
-            } else if item.depth >= self.delta() {
-                batch.seat_in_owner(n as u32);
-            } else {
-                batch.shared.push(n as u32);
-            }
-        }
-        if batch.shared.is_empty() {
-            return;
-        }
-        // In order of element numbers, so that both sides of a face sum alike.
-        let shared = std::mem::take(&mut batch.shared);
-        let mut spots = std::mem::take(&mut batch.spots);
-        for place in 0..local.near.patches.len() {
-            let patch = self.patch(local, place);
-            batch.at.clear();
-            batch.asking_for.clear();
-            for &n in &shared {
-                let item = &batch.items[n as usize];
-                if item.place as usize == place {
-                    batch.seat_in_owner(n);
-                } else if !patch.is_beyond(item.target.x, self.delta()) {
-                    batch.at.push(item.target.x);
-                    batch.asking_for.push(n);
-                }
-            }
-            self.spots(local, place, &batch.at, &mut spots);
-            for k in 0..spots.len() {
-                let (n, x) = (batch.asking_for[k], batch.at[k]);
-                let Some(spot) = &spots[k] else {
-                    continue;
-                };
-                let beyond = patch.overshoot(x, spot);
-                let depth = batch.items[n as usize].depth;
-                let weight = 1.0 - beyond.max(depth) / self.delta();
-                if weight > 0.0 {
-                    batch.take_seat(n, place as u32, (spot.xi, spot.inverse), weight);
-                }
-            }
-        }
-        batch.spots = spots;
-        batch.shared = shared;
-    }
-
-    /// Distances of the samples that are seated: the scales of the elements that share in each are
-    /// blended.
-    fn blend(&self, local: &Local, batch: &mut Batch, mut found: impl FnMut(&Target, f64)) {
-        let Batch {
-            items,
-            seats,
-            next,
-            x,
-            inverses,
-            slopes,
-            legs,
-            scales,
-            sums,
-            ..
-        } = batch;
-        self.ask_slopes(local, next, slopes);
-        sums.clear();
-        sums.resize(items.len(), Sum::default());
-        for (seat, (f, _)) in seats.iter().zip(&*slopes) {
-            if seat.place == items[seat.item as usize].place {
-                sums[seat.item as usize].f = *f;
-            }
-        }
-        legs.resize(seats.len(), Leg::default());
-        scales.resize(seats.len(), 0.0);
-        Questions::by_place(&next.places, |place, run| {
-            let patch = self.patch(local, place);
-            let walkers = Walkers {
-                x: &x[run.clone()],
-                at: &mut next.points[run.clone()],
-                inverses: &mut inverses[run.clone()],
-                slopes: &slopes[run.clone()],
-                legs: &mut legs[run],
-            };
-            patch.set_off(self.scaffold, self.pace(patch), walkers);
-        });
-        self.ask_slopes(local, next, slopes);
-        Questions::by_place(&next.places, |place, run| {
-            walk::arrive(
-                self.pace(self.patch(local, place)),
-                &slopes[run.clone()],
-                &inverses[run.clone()],
-                &legs[run.clone()],
-                &mut scales[run],
-            );
-        });
-        for (seat, scale) in seats.iter().zip(&*scales) {
-            let sum = &mut sums[seat.item as usize];
-            sum.scales += seat.weight * scale;
-            sum.weights += seat.weight;
-        }
-        let w = self.options.half_width;
-        for (item, sum) in items.iter().zip(&*sums).filter(|(_, s)| s.weights > 0.0) {
-            let d = (sum.f * sum.scales / sum.weights).clamp(-w, w);
-            found(&item.target, d);
-        }
+    for block in blocks {
+        block.is_smooth |= worst < GOOD;
     }
 }
 
 impl Batch {
-    /// Enters a sample in its owner.
-    fn enter(&mut self, target: Target, place: usize, (xi, inverse): (Vec3, Mat3), depth: f64) {
+    /// Enters a sample that was placed in its owner by itself.
+    fn enter_alone(&mut self, target: Target, place: usize, spot: &Spot, depth: f64) {
+        let how = How::Alone(self.alone.len() as u32);
         let place = place as u32;
-        self.asked.push(place, xi);
+        self.alone.push(spot.inverse);
+        self.asked.push(place, spot.xi);
         self.items.push(Item {
             target,
             place,
-            inverse,
+            how,
             depth,
-        });
-    }
-
-    /// Seats an item in its owner.
-    fn seat_in_owner(&mut self, item: u32) {
-        let own = &self.items[item as usize];
-        let at = (self.asked.points[item as usize].0, own.inverse);
-        self.take_seat(item, own.place, at, 1.0);
-    }
-
-    fn take_seat(&mut self, item: u32, place: u32, (xi, inverse): (Vec3, Mat3), weight: f64) {
-        self.next.push(place, xi);
-        self.inverses.push(inverse);
-        self.x.push(self.items[item as usize].target.x);
-        self.seats.push(Seat {
-            item,
-            place,
-            weight,
         });
     }
 }

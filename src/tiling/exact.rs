@@ -91,7 +91,7 @@ impl<F: Filling> TiledSolid<'_, F> {
                 continue;
             };
             let patch = self.patch(local, place);
-            if patch.overshoot(x, &spot) >= best {
+            if spot.overshoot >= best {
                 continue;
             }
             for domain in &DOMAINS[patch.shape() as usize] {

@@ -172,13 +172,25 @@ impl PartOfLattice {
             let first = self.first[a] + BLOCK * block;
             first..=self.last[a].min(first + BLOCK - 1)
         };
+        // Coordinates by axis, from the part's first sample on.
+        let mut at = [[0.0; PART]; 3];
+        for n in 0..PART {
+            let x = lattice
+                .origin
+                .stepped(lattice.step, self.first.map(|i| i + n))
+                .0;
+            for (at, x) in at.iter_mut().zip(x.iter()) {
+                at[n] = *x;
+            }
+        }
         for (bi, bj) in (0..count[0]).flat_map(|i| (0..count[1]).map(move |j| (i, j))) {
             for (bk, block) in (0..count[2]).zip(&mut blocks) {
                 block.clear();
                 for (i, j) in along(0, bi).flat_map(|i| along(1, bj).map(move |j| (i, j))) {
+                    let (x, y) = (at[0][i - self.first[0]], at[1][j - self.first[1]]);
                     block.extend(along(2, bk).map(|k| Target {
                         n: ((i * ny + j) * nz + k) as u32,
-                        x: lattice.origin.stepped(lattice.step, [i, j, k]).0,
+                        x: Vec3::new(x, y, at[2][k - self.first[2]]),
                     }));
                 }
             }

@@ -1,7 +1,7 @@
 //! Which elements matter at a point: its owner, its neighbours, the continuation outside.
 
-use super::patch::{ON_FACE, Patch, Search, Spot};
-use super::place::Trail;
+use super::patch::{ON_FACE, Patch, Search, Spot, Spots};
+use super::trail::Trail;
 use super::{Boundary, CHORD, Distance, Filling, TiledSolid};
 use crate::field::Interval;
 use crate::frame::{Aabb, Vec3};
@@ -24,6 +24,8 @@ pub(super) struct Local {
     trails: Vec<Cell<Option<Trail>>>,
     /// Whether points are wanted for values in single precision.
     is_rough: bool,
+    /// The last list of elements, and their trails.
+    before: (Vec<u32>, Vec<Cell<Option<Trail>>>),
 }
 
 /// What is known of a point before it is looked at; see [`TiledSolid::value_at`].
@@ -53,9 +55,8 @@ pub(super) struct Owner {
 #[derive(Default)]
 pub(super) struct Asking {
     open: Vec<u32>,
-    asked: Vec<u32>,
     at: Vec<Vec3>,
-    spots: Vec<Option<Spot>>,
+    found: Spots,
 }
 
 impl Local {
@@ -66,6 +67,7 @@ impl Local {
             last: None,
             trails,
             is_rough: false,
+            before: (Vec::new(), Vec::new()),
         }
     }
 
@@ -75,13 +77,12 @@ impl Local {
     }
 
     fn note(&self, place: usize, x: Vec3, spot: &Spot) {
-        let (xi, inverse) = (spot.xi, spot.inverse);
-        let bend = Default::default();
+        let known = self.trails[place].get();
         self.trails[place].set(Some(Trail {
             x,
-            xi,
-            inverse,
-            bend,
+            xi: spot.xi,
+            inverse: spot.inverse,
+            bend: known.map_or(Default::default(), |t| t.bend),
         }));
     }
 
@@ -145,16 +146,25 @@ impl<F: Filling> TiledSolid<'_, F> {
     /// Keeps of a wider list what may be near a point of `region`.
     pub(super) fn narrow(&self, wide: &Near, region: &Aabb, local: &mut Local) {
         let (centre, half, margin) = (region.centre().0, region.size() / 2.0, self.margin());
-        let patches = &mut local.near.patches;
-        patches.clear();
-        patches.extend(
+        let Local {
+            near,
+            trails,
+            before,
+            ..
+        } = local;
+        std::mem::swap(&mut near.patches, &mut before.0);
+        std::mem::swap(trails, &mut before.1);
+        near.patches.clear();
+        near.patches.extend(
             wide.patches
                 .iter()
                 .filter(|&&e| !self.patches[e as usize].misses(centre, half, margin)),
         );
-        local.near.slope_sup = self.slope_sup(patches);
-        local.trails.clear();
-        local.trails.resize(patches.len(), Cell::new(None));
+        near.slope_sup = self.slope_sup(&near.patches);
+        // What is known of an element holds nearby too.
+        let known = |e| before.1[before.0.binary_search(e).ok()?].get();
+        trails.clear();
+        trails.extend(near.patches.iter().map(|e| Cell::new(known(e))));
     }
 
     pub(super) fn patch(&self, local: &Local, place: usize) -> &Patch {
@@ -172,19 +182,30 @@ impl<F: Filling> TiledSolid<'_, F> {
         Some(spot)
     }
 
-    /// Where points lie in one of the near elements.
+    /// Where those of some points lie in one of the near elements that may be less than `margin` outside.
     pub(super) fn spots(
         &self,
         local: &Local,
         place: usize,
-        points: &[Vec3],
-        found: &mut Vec<Option<Spot>>,
+        points: (&[Vec3], f64),
+        found: &mut Spots,
     ) {
         let patch = self.patch(local, place);
         let mut trail = local.trail(place, patch);
-        let how = (&mut trail, local.is_rough);
-        patch.spots(self.scaffold, points, how, found);
-        local.trails[place].set(Some(trail));
+        patch.spots(self.scaffold, points, (&mut trail, local.is_rough), found);
+        if !patch.is_affine() {
+            local.trails[place].set(Some(trail));
+        }
+    }
+
+    /// A trail from a point as one of the near elements has placed it, with second derivatives.
+    pub(super) fn trail(&self, local: &Local, place: usize, x: Vec3, spot: &Spot) -> Trail {
+        let patch = self.patch(local, place);
+        let trail = patch.trail(self.scaffold, x, spot);
+        if !patch.is_affine() {
+            local.trails[place].set(Some(trail));
+        }
+        trail
     }
 
     /// The owners of points, into `owners`; as [`Self::owner`] finds them.
@@ -197,48 +218,35 @@ impl<F: Filling> TiledSolid<'_, F> {
     ) {
         owners.clear();
         owners.resize(points.len(), None);
-        let Asking {
-            open,
-            asked,
-            at,
-            spots,
-        } = asking;
+        let Asking { open, at, found } = asking;
         open.clear();
         open.extend(0..points.len() as u32);
-        let near = local.near.patches.len();
-        let last = local
-            .last
-            .and_then(|n| local.near.patches.binary_search(&n).ok());
+        at.clear();
+        at.extend(points);
+        let margin = points.iter().map(|&x| self.rounding(x)).fold(0.0, f64::max);
+        let near = &local.near.patches;
+        let last = local.last.and_then(|n| near.binary_search(&n).ok());
         // Well inside the last point's owner no other can contain a point.
-        for (place, is_last) in
-            (last.map(|p| (p, true)).into_iter()).chain((0..near).map(|p| (p, false)))
+        let first = last.map(|place| (place, -ON_FACE));
+        for (place, most) in first
+            .into_iter()
+            .chain((0..near.len()).map(|p| (p, ON_FACE)))
         {
             if open.is_empty() {
                 break;
             }
-            let patch = self.patch(local, place);
-            asked.clear();
-            at.clear();
-            for &n in &*open {
-                let x = points[n as usize];
-                let margin = if is_last { 0.0 } else { self.rounding(x) };
-                if !patch.is_beyond(x, margin) {
-                    asked.push(n);
-                    at.push(x);
-                }
+            self.spots(local, place, (at, margin), found);
+            let mut is_owner = false;
+            for (n, &spot) in found.found().filter(|(_, s)| s.beyond <= most) {
+                owners[open[n as usize] as usize] = Some(Owner { place, spot });
+                is_owner = true;
             }
-            if at.is_empty() {
-                continue;
+            if is_owner {
+                local.last = Some(local.near.patches[place]);
+                open.retain(|&n| owners[n as usize].is_none());
+                at.clear();
+                at.extend(open.iter().map(|&n| points[n as usize]));
             }
-            self.spots(local, place, at, spots);
-            let most = if is_last { -ON_FACE } else { ON_FACE };
-            for (&n, &spot) in asked.iter().zip(&*spots) {
-                if let Some(spot) = spot.filter(|s| s.beyond <= most) {
-                    owners[n as usize] = Some(Owner { place, spot });
-                    local.last = Some(local.near.patches[place]);
-                }
-            }
-            open.retain(|&n| owners[n as usize].is_none());
         }
     }
 
@@ -376,7 +384,7 @@ impl<F: Filling> TiledSolid<'_, F> {
             let Some(spot) = self.spot(local, place, q, reach) else {
                 continue;
             };
-            let m = self.patch(local, place).overshoot(q, &spot);
+            let m = spot.overshoot;
             if m < reach {
                 best = Some((m, place, spot));
             }

@@ -1,19 +1,14 @@
 //! One element of the scaffold with the cell in it: inverse map, slopes, distance to its faces.
 
-use super::place::{Curve, Trail};
-use super::walk::{self, Pace, Walkers};
-use crate::frame::{Aabb, CellPoint, Element, Mat3, Vec3};
+use super::place::Curve;
+use super::trail::Trail;
+use super::walk::{self, Leg, Pace, Walkers};
+use super::walls::Walls;
+use crate::frame::{CellPoint, Element, Mat3, Vec3};
 use crate::scaffold::Scaffold;
 
 /// Points this close to a face, in reference units, belong to the element.
 pub(super) const ON_FACE: f64 = 1e-9;
-
-/// A half space that contains an element: `normal . x <= offset`, the normal of unit length.
-#[derive(Clone, Copy)]
-struct Wall {
-    normal: Vec3,
-    offset: f64,
-}
 
 /// How reference coordinates are found.
 enum Inverse {
@@ -27,10 +22,8 @@ enum Inverse {
 pub(super) struct Patch {
     number: usize,
     shape: Element,
-    bounds: Aabb,
     inverse: Inverse,
-    walls: [Wall; 6],
-    wall_count: usize,
+    walls: Walls,
     /// L: bound of |grad F| over the element, per world unit; infinite if none could be proved.
     pub slope_sup: f64,
     /// gamma: root mean square of |grad F| on the surface.
@@ -59,9 +52,28 @@ pub(super) struct Spot {
     pub inverse: Mat3,
     /// Largest signed distance to the faces in reference coordinates; at most 0 inside.
     pub beyond: f64,
-    /// Of curved elements: how far from the point of the element where the continuation starts,
-    /// world units.
+    /// m(x): how far outside the element, world units; continuous, at most 0 inside. Of affine elements
+    /// the largest signed distance to the planes of the faces; of curved ones the distance from the point
+    /// of the element where the continuation starts.
     pub overshoot: f64,
+}
+
+/// Where some of a list of points lie in one element.
+#[derive(Default)]
+pub(super) struct Spots {
+    /// Their numbers in the list, ascending.
+    pub of: Vec<u32>,
+    /// `None` where nothing was found.
+    pub all: Vec<Option<Spot>>,
+    at: Vec<Vec3>,
+}
+
+impl Spots {
+    /// Numbers, and where those points lie that were found.
+    pub fn found(&self) -> impl Iterator<Item = (u32, &Spot)> {
+        let both = self.of.iter().zip(&self.all);
+        both.filter_map(|(&n, spot)| Some((n, spot.as_ref()?)))
+    }
 }
 
 impl Patch {
@@ -75,32 +87,16 @@ impl Patch {
         let centre = centre.0;
         let (least, _) = element.stretch();
         let controls = element.control_points();
-        let mut walls = [Wall {
-            normal: Vec3::zeros(),
-            offset: 0.0,
-        }; 6];
-        let faces = shape.faces();
-        for (wall, face) in walls.iter_mut().zip(&faces) {
-            let normal = (matrix.transpose() * face.normal)
-                .try_normalize(0.0)
-                .unwrap_or_default();
-            let offset = controls
-                .iter()
-                .map(|c| normal.dot(c))
-                .fold(f64::NEG_INFINITY, f64::max);
-            *wall = Wall { normal, offset };
-        }
+        let walls = Walls::new(shape, &matrix, &controls, element.bounds());
         Self {
             number,
             shape,
-            bounds: element.bounds(),
             inverse: if element.is_affine() {
                 Inverse::Affine { matrix, centre }
             } else {
                 Inverse::Curved { matrix, centre }
             },
             walls,
-            wall_count: faces.len(),
             slope_sup: if least > 0.0 {
                 slope_sup / least
             } else {
@@ -111,46 +107,22 @@ impl Patch {
         }
     }
 
-    /// A lower bound of how far outside the element a point is: the largest signed distance to the
-    /// planes and the box around it. For affine elements this is m, the measure that blending uses.
-    fn outside_walls(&self, x: Vec3) -> f64 {
-        let mut m = f64::NEG_INFINITY;
-        for wall in &self.walls[..self.wall_count] {
-            m = m.max(wall.normal.dot(&x) - wall.offset);
-        }
-        let low = (self.bounds.min - x).max();
-        let high = (x - self.bounds.max).max();
-        m.max(low).max(high)
-    }
-
     /// Whether a point is certainly further than `margin` outside.
-    pub fn is_beyond(&self, x: Vec3, margin: f64) -> bool {
-        self.walls[..self.wall_count]
-            .iter()
-            .any(|wall| wall.normal.dot(&x) - wall.offset > margin)
-            || (self.bounds.min - x).max() > margin
-            || (x - self.bounds.max).max() > margin
+    fn is_beyond(&self, x: Vec3, margin: f64) -> bool {
+        self.walls.outside::<f64>(x.into()) > margin
     }
 
     /// A lower bound of a point's distance to the plane of a face; curved faces have none.
     pub fn face_distance(&self, face: usize, x: Vec3) -> f64 {
         match self.inverse {
-            Inverse::Affine { .. } => {
-                let wall = &self.walls[face];
-                (wall.normal.dot(&x) - wall.offset).abs()
-            }
+            Inverse::Affine { .. } => self.walls.face_distance(face, x),
             Inverse::Curved { .. } => 0.0,
         }
     }
 
     /// Whether every point of the box is certainly further than `margin` outside, by the measure m.
     pub fn misses(&self, centre: Vec3, half: Vec3, margin: f64) -> bool {
-        self.walls[..self.wall_count].iter().any(|wall| {
-            wall.normal.dot(&centre) - wall.normal.abs().dot(&half) - wall.offset > margin
-        }) || (0..3).any(|a| {
-            centre[a] - half[a] - self.bounds.max[a] > margin
-                || self.bounds.min[a] - centre[a] - half[a] > margin
-        })
+        self.walls.misses(centre, half, margin)
     }
 
     /// Where `x` lies, if it may be less than `margin` world units outside.
@@ -159,7 +131,7 @@ impl Patch {
             return None;
         }
         match &self.inverse {
-            Inverse::Affine { matrix, centre } => Some(self.affine_spot(matrix, centre, x)),
+            Inverse::Affine { .. } => Some(self.by_affine_map(x)),
             Inverse::Curved { matrix, centre } => {
                 let guess = search.start.unwrap_or_else(|| matrix * (x - centre));
                 let from = |start: Vec3| self.newton(scaffold, x, start, search.is_rough);
@@ -173,7 +145,7 @@ impl Patch {
     /// Where `x` lies if it is well inside the element, off its faces.
     pub fn inside(&self, scaffold: &Scaffold, x: Vec3, search: Search) -> Option<Spot> {
         let spot = match &self.inverse {
-            Inverse::Affine { matrix, centre } => self.affine_spot(matrix, centre, x),
+            Inverse::Affine { .. } => self.by_affine_map(x),
             Inverse::Curved { matrix, centre } => {
                 if self.is_beyond(x, 0.0) {
                     return None;
@@ -185,27 +157,48 @@ impl Patch {
         (spot.beyond < -ON_FACE).then_some(spot)
     }
 
-    /// Where points lie, whatever their distance; each is guessed from the last one that was found.
+    /// Where those of some points lie that may be less than `margin` world units outside; each is
+    /// guessed from the last one that was found.
     pub fn spots(
         &self,
         scaffold: &Scaffold,
-        points: &[Vec3],
+        (points, margin): (&[Vec3], f64),
         (trail, is_rough): (&mut Trail, bool),
-        found: &mut Vec<Option<Spot>>,
+        found: &mut Spots,
     ) {
-        found.clear();
-        match (&self.inverse, self.curve(scaffold)) {
-            (Inverse::Affine { matrix, centre }, _) => {
-                let spots = points.iter().map(|&x| self.affine_spot(matrix, centre, x));
-                found.extend(spots.map(Some));
-                return;
+        let Spots { of, at, all } = found;
+        of.clear();
+        at.clear();
+        all.clear();
+        let affine = self.affine();
+        self.walls.keep(points, margin, |n, m| {
+            of.push(n as u32);
+            match affine {
+                Some((matrix, centre)) => {
+                    let xi = matrix * (points[n] - centre);
+                    all.push(Some(self.affine_spot(xi, *matrix, m)));
+                }
+                None => at.push(points[n]),
             }
-            (_, Some(curve)) => curve.find_all(trail, is_rough, points, found),
-            (_, None) => found.resize(points.len(), None),
+        });
+        if affine.is_some() {
+            return;
         }
-        for (&x, spot) in points.iter().zip(found).filter(|(_, s)| s.is_none()) {
+        match self.curve(scaffold) {
+            Some(curve) => curve.find_all(trail, is_rough, at, all),
+            None => all.resize(at.len(), None),
+        }
+        for (&x, spot) in at.iter().zip(all).filter(|(_, s)| s.is_none()) {
             let start = Some(trail.guess(x));
             *spot = self.spot(scaffold, x, f64::INFINITY, Search { start, is_rough });
+        }
+    }
+
+    /// d xi / d x and the centre of an affine element.
+    fn affine(&self) -> Option<(&Mat3, &Vec3)> {
+        match &self.inverse {
+            Inverse::Affine { matrix, centre } => Some((matrix, centre)),
+            Inverse::Curved { .. } => None,
         }
     }
 
@@ -229,24 +222,28 @@ impl Patch {
         }
     }
 
-    fn affine_spot(&self, matrix: &Mat3, centre: &Vec3, x: Vec3) -> Spot {
-        let xi = matrix * (x - centre);
+    fn affine_spot(&self, xi: Vec3, inverse: Mat3, overshoot: f64) -> Spot {
         Spot {
             xi,
-            inverse: *matrix,
+            inverse,
             beyond: self.shape.face_distance(CellPoint(xi)),
-            overshoot: 0.0,
+            overshoot,
         }
+    }
+
+    /// The spot of a point by the affine map, that at the centroid if the element is curved.
+    fn by_affine_map(&self, x: Vec3) -> Spot {
+        let Trail {
+            x: centre, inverse, ..
+        } = self.start();
+        let overshoot = self.walls.outside::<f64>(x.into());
+        self.affine_spot(inverse * (x - centre), inverse, overshoot)
     }
 
     /// The spot of any point, by the affine map at the centroid if all else fails.
     pub fn spot_anyway(&self, scaffold: &Scaffold, x: Vec3) -> Spot {
         self.spot(scaffold, x, f64::INFINITY, Search::default())
-            .unwrap_or_else(|| {
-                let (Inverse::Affine { matrix, centre } | Inverse::Curved { matrix, centre }) =
-                    &self.inverse;
-                self.affine_spot(matrix, centre, x)
-            })
+            .unwrap_or_else(|| self.by_affine_map(x))
     }
 
     /// Newton's method for the continued map: steps from points of the closed cell, clamped back.
@@ -280,53 +277,45 @@ impl Patch {
         super::clamp::clamp_to_cell(self.shape, xi)
     }
 
-    /// m(x): how far outside the element, world units; continuous, at most 0 inside.
-    pub fn overshoot(&self, x: Vec3, spot: &Spot) -> f64 {
-        match self.inverse {
-            Inverse::Affine { .. } => self.outside_walls(x),
-            Inverse::Curved { .. } => spot.overshoot,
-        }
-    }
-
     /// How deep a point of the element lies under its faces, world units: 0 on the faces.
-    pub fn depth(&self, x: Vec3, spot: &Spot) -> f64 {
+    pub fn depth(&self, spot: &Spot) -> f64 {
         match &self.inverse {
-            Inverse::Affine { .. } => self.affine_depth(x),
+            Inverse::Affine { .. } => (-spot.overshoot).max(0.0),
             Inverse::Curved { .. } => (-spot.beyond * self.least_stretch).max(0.0),
         }
     }
 
     /// The first step of points of the element towards the zero set.
-    pub fn set_off(&self, scaffold: &Scaffold, pace: Pace, walkers: Walkers) {
-        let element = scaffold.element(self.number);
-        if self.is_affine() || element.polynomial().is_some() {
-            return walk::set_off(pace, self.curve(scaffold), walkers);
+    pub fn set_off(&self, scaffold: &Scaffold, pace: Pace, walkers: Walkers, legs: &mut [Leg]) {
+        let curve = self.curve(scaffold);
+        if self.is_affine() || curve.is_some() {
+            return walk::set_off(pace, curve, walkers, legs);
         }
         let Walkers {
             x,
             at,
-            inverses,
+            frame,
             slopes,
-            legs,
         } = walkers;
-        for n in 0..x.len() {
-            let before = inverses[n];
-            walk::set_off(
-                pace,
-                None,
-                Walkers {
-                    x: &x[n..=n],
-                    at: &mut at[n..=n],
-                    inverses: &mut inverses[n..=n],
-                    slopes: &slopes[n..=n],
-                    legs: &mut legs[n..=n],
-                },
-            );
+        let again = Walkers {
+            x,
+            at: &mut *at,
+            frame,
+            slopes,
+        };
+        walk::set_off(pace, None, again, &mut *legs);
+        for (n, at) in at.iter_mut().enumerate() {
+            let (leg, lane) = (&mut legs[n / 4], n % 4);
+            let end = x[n] + Vec3::from_fn(|r, _| leg.way[r][lane]);
             // One Newton step, from the clamped point so that the Jacobian is regular.
-            let from = self.clamp(at[n].0);
+            let from = self.clamp(at.0);
             let (p, jacobian) = self.frame(scaffold, from);
-            inverses[n] = jacobian.try_inverse().unwrap_or(before);
-            at[n].0 = from + inverses[n] * (x[n] + legs[n].way - p);
+            if let Some(inverse) = jacobian.try_inverse() {
+                at.0 = from + inverse * (end - p);
+                for (r, c) in (0..3).flat_map(|r| (0..3).map(move |c| (r, c))) {
+                    leg.by[r][c][lane] = inverse[(r, c)];
+                }
+            }
         }
     }
 
@@ -347,9 +336,13 @@ impl Patch {
         }
     }
 
-    /// [`Self::depth`] in an affine element.
-    pub fn affine_depth(&self, x: Vec3) -> f64 {
-        (-self.outside_walls(x)).max(0.0)
+    /// [`Self::depth`] of a point `x` whose reference coordinates are known.
+    pub fn depth_at(&self, x: Vec3, xi: Vec3) -> f64 {
+        let depth = match &self.inverse {
+            Inverse::Affine { .. } => -self.walls.outside::<f64>(x.into()),
+            Inverse::Curved { .. } => -self.shape.face_distance(CellPoint(xi)) * self.least_stretch,
+        };
+        depth.max(0.0)
     }
 
     /// Its number in the scaffold.

@@ -4,6 +4,7 @@
 
 use super::clamp::{beyond_row, clamp_row};
 use super::patch::{Spot, is_settled};
+use super::trail::Trail;
 use crate::frame::{Element, Mat3, Vec3};
 use crate::lanes::{self, Four, Lanes, Number, Work};
 use crate::scaffold::Polynomial;
@@ -13,34 +14,6 @@ const STEPS: usize = 12;
 
 /// Rows of a matrix.
 pub(super) type Matrix<T> = [[T; 3]; 3];
-
-/// A point as an element has placed it: from there others are guessed.
-#[derive(Clone, Copy)]
-pub(super) struct Trail {
-    pub x: Vec3,
-    pub xi: Vec3,
-    /// d xi / d x.
-    pub inverse: Mat3,
-    /// Half the second derivatives of xi by x: by x x, y y, z z, and twice that by x y, y z, z x; or
-    /// nothing, if they are not known.
-    pub bend: [Vec3; 6],
-}
-
-impl Trail {
-    pub fn guess(&self, x: Vec3) -> Vec3 {
-        let d = x - self.x;
-        let second = [
-            d.x * d.x,
-            d.y * d.y,
-            d.z * d.z,
-            d.x * d.y,
-            d.y * d.z,
-            d.z * d.x,
-        ];
-        let bent: Vec3 = self.bend.iter().zip(second).map(|(b, s)| b * s).sum();
-        self.xi + self.inverse * d + bent
-    }
-}
 
 /// A curved element as the steps see it.
 #[derive(Clone, Copy)]
@@ -73,7 +46,7 @@ pub(super) fn product<T: Number>(m: Matrix<T>, a: [T; 3], c: [T; 3]) -> [T; 3] {
 }
 
 #[inline(always)]
-fn difference<T: Number>(a: [T; 3], b: [T; 3]) -> [T; 3] {
+pub(super) fn difference<T: Number>(a: [T; 3], b: [T; 3]) -> [T; 3] {
     [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
 }
 
@@ -102,7 +75,7 @@ fn inverse<T: Number>([a, b, c]: Matrix<T>) -> Matrix<T> {
 
 /// Numbers in all four places.
 #[inline(always)]
-fn alike<T: Number>(like: T, v: Vec3) -> [T; 3] {
+pub(super) fn alike<T: Number>(like: T, v: Vec3) -> [T; 3] {
     [like.like(v.x), like.like(v.y), like.like(v.z)]
 }
 
@@ -222,24 +195,7 @@ impl Curve<'_> {
         is_rough: bool,
         spots: &mut [Option<Spot>; 4],
     ) {
-        let ahead = difference(x, alike(x[0], trail.x));
-        let by = [
-            alike(x[0], trail.inverse.row(0).transpose()),
-            alike(x[0], trail.inverse.row(1).transpose()),
-            alike(x[0], trail.inverse.row(2).transpose()),
-        ];
-        let mut guess = product(by, ahead, alike(x[0], trail.xi));
-        let [p, q, r] = ahead;
-        for (bend, second) in trail
-            .bend
-            .iter()
-            .zip([p * p, q * q, r * r, p * q, q * r, r * p])
-        {
-            for (to, bend) in guess.iter_mut().zip(alike(second, *bend)) {
-                *to = second.fused(bend, *to);
-            }
-        }
-        let mut at = clamp_row(self.shape, guess);
+        let mut at = clamp_row(self.shape, trail.guess_row(x));
         for _ in 0..STEPS {
             let step = self.step(x, at);
             let next = clamp_row(self.shape, step.xi);
@@ -271,7 +227,7 @@ impl Curve<'_> {
     }
 }
 
-/// How d xi / d x turns on.
+/// How d xi / d x turns on about a point.
 struct Bend<'a> {
     curve: Curve<'a>,
     at: Vec3,

@@ -2,7 +2,7 @@
 
 use super::near::{Local, Owner};
 use super::patch::{Patch, Spot};
-use super::walk::{self, Leg, Pace, Walkers};
+use super::walk::{self, Frame, Leg, Pace, Walkers};
 use super::{Distance, Filling, TiledSolid};
 use crate::frame::{CellPoint, Vec3};
 
@@ -29,7 +29,7 @@ impl<F: Filling> TiledSolid<'_, F> {
         let delta = self.delta();
         let patch = self.patch(local, at.place);
         let own = self.scale(patch, &at.spot, x, slope);
-        let depth = patch.depth(x, &at.spot);
+        let depth = patch.depth(&at.spot);
         if depth >= delta {
             return (slope.0 * own).clamp(-w, w);
         }
@@ -45,7 +45,7 @@ impl<F: Filling> TiledSolid<'_, F> {
                 continue;
             };
             let patch = self.patch(local, place);
-            let weight = 1.0 - patch.overshoot(x, &spot).max(depth) / delta;
+            let weight = 1.0 - spot.overshoot.max(depth) / delta;
             if weight > 0.0 {
                 sum +=
                     weight * self.scale(patch, &spot, x, self.slope(patch.number() as u32, &spot));
@@ -65,18 +65,17 @@ impl<F: Filling> TiledSolid<'_, F> {
     /// own field, given its value and gradient there.
     fn scale(&self, patch: &Patch, spot: &Spot, x: Vec3, slope: (f64, Vec3)) -> f64 {
         let pace = self.pace(patch);
-        let (mut at, mut inverses) = ([CellPoint(spot.xi)], [spot.inverse]);
+        let mut at = [CellPoint(spot.xi)];
         let (mut legs, mut scales) = ([Leg::default()], [0.0]);
         let walkers = Walkers {
             x: &[x],
             at: &mut at,
-            inverses: &mut inverses,
+            frame: Frame::Each(&[spot.inverse]),
             slopes: &[slope],
-            legs: &mut legs,
         };
-        patch.set_off(self.scaffold, pace, walkers);
+        patch.set_off(self.scaffold, pace, walkers, &mut legs);
         let slope = self.filling.value_and_gradient(patch.number(), at[0]);
-        walk::arrive(pace, &[slope], &inverses, &legs, &mut scales);
+        walk::arrive(pace, &[slope], &legs, &mut scales);
         scales[0]
     }
 

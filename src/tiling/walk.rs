@@ -7,6 +7,7 @@
 #![allow(clippy::inline_always)]
 
 use super::place::{Curve, Matrix, columns, dot, matrices, product, rows};
+use super::trail::Trail;
 use crate::frame::{CellPoint, Mat3, Vec3};
 use crate::lanes::{self, Four, Lanes, Number, Work};
 
@@ -39,67 +40,87 @@ impl Pace {
     }
 }
 
-/// The first step of a point.
+/// The first step of four points.
 #[derive(Clone, Copy, Default)]
 pub(super) struct Leg {
-    pub way: Vec3,
+    /// The step, world units.
+    pub way: [[f64; 4]; 3],
     /// |F| at the start; 0 where that is a zero already.
-    size: f64,
+    size: [f64; 4],
     /// The scale there.
-    flat: f64,
+    flat: [f64; 4],
+    /// d xi / d x at its end, by rows.
+    pub by: [[[f64; 4]; 3]; 3],
 }
 
-/// Points on their way: reference coordinates, d xi / d x, value and gradient by the former.
+/// d xi / d x where points set off.
+#[derive(Clone, Copy)]
+pub(super) enum Frame<'a> {
+    /// As a trail has it.
+    Trail(&'a Trail),
+    /// One for each of them.
+    Each(&'a [Mat3]),
+}
+
+/// Points that set off from where they lie in the world and in the cell, with the field's values and
+/// gradients by reference coordinates.
 pub(super) struct Walkers<'a> {
     pub x: &'a [Vec3],
     pub at: &'a mut [CellPoint<3>],
-    pub inverses: &'a mut [Mat3],
+    pub frame: Frame<'a>,
     pub slopes: &'a [(f64, Vec3)],
-    pub legs: &'a mut [Leg],
 }
 
-struct SetOff<'a>(Pace, Option<Curve<'a>>, Walkers<'a>);
+struct SetOff<'a>(Pace, Option<Curve<'a>>, Walkers<'a>, &'a mut [Leg]);
 
 struct Arrive<'a> {
     pace: Pace,
     slopes: &'a [(f64, Vec3)],
-    inverses: &'a [Mat3],
     legs: &'a [Leg],
     scales: &'a mut [f64],
 }
 
-/// What is to be known of four walkers; the last one again where there are fewer.
+/// The numbers of four; the last one again where there are fewer.
 #[inline(always)]
 fn indices(count: usize) -> [usize; 4] {
     [0, 1.min(count - 1), 2.min(count - 1), 3.min(count - 1)]
 }
 
-/// Values, and gradients by world coordinates.
+/// Values and gradients.
 #[inline(always)]
-fn slopes<L: Lanes>(
-    lanes: L,
-    slopes: &[(f64, Vec3)],
-    inverses: &[Mat3],
-) -> (Four<L>, [Four<L>; 3], Matrix<Four<L>>) {
+fn slopes<L: Lanes>(lanes: L, slopes: &[(f64, Vec3)]) -> (Four<L>, [Four<L>; 3]) {
     let [a, b, c, d] = indices(slopes.len());
-    let f = Four::of(lanes, [slopes[a].0, slopes[b].0, slopes[c].0, slopes[d].0]);
-    let g = rows(lanes, &[slopes[a].1, slopes[b].1, slopes[c].1, slopes[d].1]);
-    let (p, q, r, s) = (&inverses[a], &inverses[b], &inverses[c], &inverses[d]);
-    // Columns of d xi / d x.
-    let mut turned = [g; 3];
-    for (n, column) in turned.iter_mut().enumerate() {
-        let n = 3 * n;
-        for (k, v) in column.iter_mut().enumerate() {
-            *v = Four::of(lanes, [p[n + k], q[n + k], r[n + k], s[n + k]]);
+    let (a, b, c, d) = (&slopes[a], &slopes[b], &slopes[c], &slopes[d]);
+    (
+        Four::of(lanes, [a.0, b.0, c.0, d.0]),
+        rows(lanes, &[a.1, b.1, c.1, d.1]),
+    )
+}
+
+/// Rows of matrices.
+#[inline(always)]
+fn turned<L: Lanes>(lanes: L, matrices: &[Mat3]) -> Matrix<Four<L>> {
+    let [a, b, c, d] = indices(matrices.len());
+    let (a, b, c, d) = (&matrices[a], &matrices[b], &matrices[c], &matrices[d]);
+    let mut all = [[Four::of(lanes, [0.0; 4]); 3]; 3];
+    for (r, row) in all.iter_mut().enumerate() {
+        for (c3, v) in [0, 3, 6].into_iter().zip(row) {
+            let n = r + c3;
+            *v = Four::of(lanes, [a[n], b[n], c[n], d[n]]);
         }
     }
-    let zero = f.like(0.0);
-    let slope = [
-        dot(turned[0], g, zero),
-        dot(turned[1], g, zero),
-        dot(turned[2], g, zero),
-    ];
-    (f, slope, turned)
+    all
+}
+
+/// Gradients by the world from those by the cell.
+#[inline(always)]
+fn to_world<T: Number>(by: Matrix<T>, g: [T; 3]) -> [T; 3] {
+    let zero = g[0].like(0.0);
+    [
+        dot([by[0][0], by[1][0], by[2][0]], g, zero),
+        dot([by[0][1], by[1][1], by[2][1]], g, zero),
+        dot([by[0][2], by[1][2], by[2][2]], g, zero),
+    ]
 }
 
 impl Pace {
@@ -120,44 +141,36 @@ impl Work for SetOff<'_> {
 
     #[inline(always)]
     fn run<L: Lanes>(self, lanes: L) {
-        let Self(pace, curve, walkers) = self;
+        let Self(pace, curve, walkers, legs) = self;
         let groups = walkers.x.chunks(4).zip(walkers.slopes.chunks(4));
-        let groups = groups.zip(walkers.at.chunks_mut(4));
-        let groups = groups.zip(walkers.inverses.chunks_mut(4));
-        for ((((x, s), at), inverses), legs) in groups.zip(walkers.legs.chunks_mut(4)) {
-            let (f, g, turned) = slopes(lanes, s, inverses);
+        let groups = groups.zip(walkers.at.chunks_mut(4)).zip(legs);
+        for (n, (((x, s), at), leg)) in groups.enumerate() {
+            let (f, g) = slopes(lanes, s);
+            let start = rows(lanes, x);
+            let by = match walkers.frame {
+                Frame::Trail(trail) => trail.inverse_row(start),
+                Frame::Each(all) => turned(lanes, &all[4 * n..4 * n + x.len()]),
+            };
+            let g = to_world(by, g);
             let square = dot(g, g, f.like(0.0));
-            let step = pace.step(f, g, square);
+            let way = pace.step(f, g, square);
             let flat = square.sqrt() / (square + f.like(pace.damping));
             let size = f.abs();
             let size = size.below(f.like(pace.zero), f.like(0.0), size);
-            let (size, flat, step_rows) = (size.row(), flat.row(), columns(step));
-            for (n, to) in legs.iter_mut().enumerate() {
-                *to = Leg {
-                    way: Vec3::new(step_rows[0][n], step_rows[1][n], step_rows[2][n]),
-                    size: size[n],
-                    flat: flat[n],
-                };
-            }
             let [a, b, c, d] = indices(at.len());
             let from = rows(lanes, &[at[a].0, at[b].0, at[c].0, at[d].0]);
-            // Its columns turned into rows.
-            let by = [
-                [turned[0][0], turned[1][0], turned[2][0]],
-                [turned[0][1], turned[1][1], turned[2][1]],
-                [turned[0][2], turned[1][2], turned[2][2]],
-            ];
-            let mut to = product(by, step, from);
-            if let Some(curve) = curve {
-                let x = rows(lanes, x);
-                let end = [x[0] + step[0], x[1] + step[1], x[2] + step[2]];
-                let (found, by) = curve.follow(end, to, by);
-                to = found;
-                let by = matrices(by);
-                for (n, inverse) in inverses.iter_mut().enumerate() {
-                    *inverse = Mat3::from_fn(|r, c| by[r][c][n]);
+            let guess = product(by, way, from);
+            let (to, by) = match curve {
+                Some(curve) => {
+                    let end = [start[0] + way[0], start[1] + way[1], start[2] + way[2]];
+                    curve.follow(end, guess, by)
                 }
-            }
+                None => (guess, by),
+            };
+            leg.way = columns(way);
+            leg.size = size.row();
+            leg.flat = flat.row();
+            leg.by = matrices(by);
             let to = columns(to);
             for (n, at) in at.iter_mut().enumerate() {
                 at.0 = Vec3::new(to[0][n], to[1][n], to[2][n]);
@@ -172,16 +185,18 @@ impl Work for Arrive<'_> {
     #[inline(always)]
     fn run<L: Lanes>(self, lanes: L) {
         let pace = self.pace;
-        let groups = self.slopes.chunks(4).zip(self.inverses.chunks(4));
-        let groups = groups.zip(self.legs.chunks(4));
-        for (((s, inverses), legs), scales) in groups.zip(self.scales.chunks_mut(4)) {
-            let (f, g, _) = slopes(lanes, s, inverses);
+        let groups = self.slopes.chunks(4).zip(self.legs);
+        for ((s, leg), scales) in groups.zip(self.scales.chunks_mut(4)) {
+            let (f, g) = slopes(lanes, s);
+            let by = [
+                row(lanes, leg.by[0]),
+                row(lanes, leg.by[1]),
+                row(lanes, leg.by[2]),
+            ];
+            let g = to_world(by, g);
             let [x, y, z] = pace.step(f, g, dot(g, g, f.like(0.0)));
-            let [a, b, c, d] = indices(legs.len());
-            let (a, b, c, d) = (&legs[a], &legs[b], &legs[c], &legs[d]);
-            let first = rows(lanes, &[a.way, b.way, c.way, d.way]);
-            let size = Four::of(lanes, [a.size, b.size, c.size, d.size]);
-            let flat = Four::of(lanes, [a.flat, b.flat, c.flat, d.flat]);
+            let first = row(lanes, leg.way);
+            let (size, flat) = (Four::of(lanes, leg.size), Four::of(lanes, leg.flat));
             let way = [first[0] + x, first[1] + y, first[2] + z];
             let scale = dot(way, way, f.like(0.0)).sqrt() / size;
             let scale = f.like(0.0).below(size, scale, flat);
@@ -192,23 +207,25 @@ impl Work for Arrive<'_> {
     }
 }
 
-/// The first step: moves the walkers' reference coordinates to its end.
-pub(super) fn set_off(pace: Pace, curve: Option<Curve>, walkers: Walkers) {
-    lanes::run(SetOff(pace, curve, walkers));
+#[inline(always)]
+fn row<L: Lanes>(lanes: L, v: [[f64; 4]; 3]) -> [Four<L>; 3] {
+    [
+        Four::of(lanes, v[0]),
+        Four::of(lanes, v[1]),
+        Four::of(lanes, v[2]),
+    ]
+}
+
+/// The first step: moves the walkers' reference coordinates to its end; there is a leg for each four.
+pub(super) fn set_off(pace: Pace, curve: Option<Curve>, walkers: Walkers, legs: &mut [Leg]) {
+    lanes::run(SetOff(pace, curve, walkers, legs));
 }
 
 /// The second step, from value and gradient at the end of the first: the scales, not beyond their limits.
-pub(super) fn arrive(
-    pace: Pace,
-    slopes: &[(f64, Vec3)],
-    inverses: &[Mat3],
-    legs: &[Leg],
-    scales: &mut [f64],
-) {
+pub(super) fn arrive(pace: Pace, slopes: &[(f64, Vec3)], legs: &[Leg], scales: &mut [f64]) {
     lanes::run(Arrive {
         pace,
         slopes,
-        inverses,
         legs,
         scales,
     });
