@@ -40,7 +40,7 @@ impl<F: Filling> TiledSolid<'_, F> {
         let wide = region.dilated(reach);
         let near = self.near(component, &wide, self.margin());
         let field = self
-            .field_range(&near, &wide)
+            .field_range(&near, &wide, 0.0)
             .map_or(Interval::new(-w, w), |f| {
                 self.distance_range(component, &near, &wide, f)
             });
@@ -68,13 +68,18 @@ impl<F: Filling> TiledSolid<'_, F> {
         }
     }
 
-    /// Every value of F at points of the box that lie in near elements; `None` if there are none.
-    pub(super) fn field_range(&self, near: &Near, region: &Aabb) -> Option<Interval> {
+    /// Every value of F at points of the box that lie in near elements; `None` if there are none. It is
+    /// not looked for further where some values may be nearer to 0 than `least`.
+    pub(super) fn field_range(&self, near: &Near, region: &Aabb, least: f64) -> Option<Interval> {
         let mut range: Option<Interval> = None;
         for &e in &near.patches {
             if let Some(image) = self.scaffold.element(e as usize).cell_box(region) {
                 let b = self.filling.bound(e as usize, &image);
-                range = Some(range.map_or(b, |r| r.hull(b)));
+                let all = range.map_or(b, |r| r.hull(b));
+                range = Some(all);
+                if all.lo < least && all.hi > -least {
+                    break;
+                }
             }
         }
         range
@@ -113,7 +118,7 @@ impl<F: Filling> TiledSolid<'_, F> {
     fn is_free_of_zeros(&self, component: usize, region: &Aabb) -> bool {
         let wide = region.dilated(self.options.half_width);
         let near = self.near(component, &wide, 0.0);
-        self.field_range(&near, &wide)
+        self.field_range(&near, &wide, 0.0)
             .is_none_or(|f| f.lo > 0.0 || f.hi < 0.0)
     }
 }

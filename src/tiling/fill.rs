@@ -99,8 +99,9 @@ impl<F: Filling> TiledSolid<'_, F> {
             };
             let region = region.dilated(self.reach(depth.hi.min(whole_depth.hi)));
             self.narrow(&wide, &region, &mut local);
+            let decisive = w * local.near.slope_sup;
             let range = self
-                .field_range(&local.near, &region)
+                .field_range(&local.near, &region, decisive)
                 .map(|f| self.distance_range(component, &local.near, &region, f));
             if let Some(d) = range {
                 known.constant = [w, -w]
