@@ -184,6 +184,7 @@ pub fn run(
         leaves_touched: stats.leaves_touched,
         leaves_kept: stats.leaves_kept,
         voxels_evaluated: stats.voxels_evaluated,
+        kernel: None,
     };
     let done = output::Finished {
         stock: &stock,
@@ -226,7 +227,10 @@ fn conclude(
     };
     stock.look_at(&parts.solid, scale)?;
     let mut report = Report {
-        band: parts.band,
+        band: BandReport {
+            kernel: stock.kernel(),
+            ..parts.band
+        },
         solid: parts.solid,
         bricks: parts.bricks,
         outputs: parts.outputs,

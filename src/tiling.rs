@@ -80,6 +80,16 @@ pub enum Boundary {
     Extend,
 }
 
+/// How a tiling finds its values.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Kernel {
+    /// From sines and cosines tabulated along the axes of a box of equal hexes.
+    Products,
+    /// By look-ups in the cells' tables, through the elements' maps.
+    Tables,
+}
+
 /// Parameters of a [`TiledSolid`].
 #[derive(Clone, Copy, Debug)]
 pub struct TilingOptions {
@@ -290,6 +300,14 @@ impl<'a, F: Filling> TiledSolid<'a, F> {
             components,
             aligned,
         })
+    }
+
+    /// How values are found: products only where they are within 0.0025 voxel of the rule's distances.
+    pub fn kernel(&self) -> Kernel {
+        match self.aligned {
+            Some(_) => Kernel::Products,
+            None => Kernel::Tables,
+        }
     }
 
     /// Number of the scaffold's components: sets of elements joined by faces.

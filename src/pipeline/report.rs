@@ -1,7 +1,7 @@
 //! What a run found and made: the content of `report.json`.
 
 use crate::frame::Aabb;
-use crate::tiling::{Certificate, FaceStatistics, Seam};
+use crate::tiling::{Certificate, FaceStatistics, Kernel, Seam};
 use crate::vdb::{Dropped, Unwanted};
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -131,6 +131,9 @@ pub struct BandReport {
     pub leaves_kept: u64,
     /// At how many points the field was looked at.
     pub voxels_evaluated: u64,
+    /// How the tiled scaffold's values were found; absent without one, and where bricks were only merged.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub kernel: Option<Kernel>,
 }
 
 /// An operation that moves the surface of what is still a field: whether the field was evaluated again

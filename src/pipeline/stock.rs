@@ -16,11 +16,11 @@ use crate::frame::Vec3;
 use crate::mesh::MeshSolid;
 use crate::progress::{Progress, Threads};
 use crate::recipe::{Boundary, Distance, Op, Operand, Recipe, Scale, SurfaceRef};
-use crate::tiling::{self, TiledSolid, TilingOptions};
+use crate::tiling::{self, Kernel, TiledSolid, TilingOptions};
 use crate::vdb::Session;
 use std::collections::BTreeMap;
 use std::path::Path;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 /// Everything a run reads.
 pub(super) struct Stock<'a> {
@@ -34,6 +34,8 @@ pub(super) struct Stock<'a> {
     tiling: Option<Fill>,
     offsets: Offsets,
     offset_reports: Vec<OffsetReport>,
+    /// How the tiled scaffold finds its values, once it was asked for.
+    kernel: OnceLock<Kernel>,
 }
 
 impl<'a> Stock<'a> {
@@ -53,6 +55,7 @@ impl<'a> Stock<'a> {
             tiling: None,
             offsets: Offsets::default(),
             offset_reports: Vec::new(),
+            kernel: OnceLock::new(),
         };
         threads.install(|| {
             progress.stage("read", None);
@@ -239,10 +242,14 @@ impl<'a> Stock<'a> {
         let scaffold = &tiling.loaded.scaffold;
         let field: Box<WorldField<'_>> = match tiling.tabulated()? {
             Filled::One(table) => {
-                Box::new(TiledSolid::new(scaffold, table, options).map_err(failed)?)
+                let solid = TiledSolid::new(scaffold, table, options).map_err(failed)?;
+                self.kernel.get_or_init(|| solid.kernel());
+                Box::new(solid)
             }
             Filled::Many(blend) => {
-                Box::new(TiledSolid::owning(scaffold, *blend, options).map_err(failed)?)
+                let solid = TiledSolid::owning(scaffold, *blend, options).map_err(failed)?;
+                self.kernel.get_or_init(|| solid.kernel());
+                Box::new(solid)
             }
         };
         let bounds = tiling.loaded.scaffold.bounds();
@@ -263,6 +270,11 @@ impl<'a> Stock<'a> {
             shape.field = common_part(shape.field, borrowed, options.half_width, offsets);
         }
         Ok(Some(shape))
+    }
+
+    /// How the tiled scaffold found its values, if it was asked for any.
+    pub fn kernel(&self) -> Option<Kernel> {
+        self.kernel.get().copied()
     }
 
     /// Elements of the scaffold.

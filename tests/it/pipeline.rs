@@ -195,6 +195,20 @@ fn the_bracket_is_tiled_into_one_piece_by_few_leaves() {
 }
 
 #[test]
+fn the_report_says_how_values_were_found() {
+    use druse::tiling::Kernel;
+    let closed_form = "druse = 1\n[cell.p]\nsurface = \"schwarz_p\"\n[scaffold]\nbox = { size = [20, 10, 10], cell_size = 10 }\n[tiling]\ncell = \"p\"\n[band]\nvoxel_size = 0.4\n";
+    let found = report(closed_form);
+    assert_eq!(found.band.kernel, Some(Kernel::Products));
+    let text = serde_json::to_value(&found).unwrap();
+    assert_eq!(text["band"]["kernel"], "products");
+    assert_eq!(report(STRUTS).band.kernel, Some(Kernel::Tables));
+    let solid =
+        "druse = 1\n[band]\nvoxel_size = 0.5\n[[op]]\nunion = { box = { size = [5, 5, 5] } }\n";
+    assert_eq!(report(solid).band.kernel, None);
+}
+
+#[test]
 fn the_quickstarts_part_is_one_piece_before_any_is_dropped() {
     if std::env::var_os("DRUSE_FULL").is_none() {
         return;
