@@ -12,16 +12,16 @@ pub trait Number:
     /// The same number in every place of the row.
     #[must_use]
     fn like(self, v: f64) -> Self;
-    /// self b + c, fused where that is one instruction.
+    /// self b + c, fused in lanes that have one instruction for it.
     #[must_use]
     fn fused(self, b: Self, c: Self) -> Self;
     /// Square root.
     #[must_use]
     fn sqrt(self) -> Self;
-    /// The lesser.
+    /// The lesser; `other` where self is no number, and either where `other` is none.
     #[must_use]
     fn min(self, other: Self) -> Self;
-    /// The greater.
+    /// The greater; `other` where self is no number, and either where `other` is none.
     #[must_use]
     fn max(self, other: Self) -> Self;
     /// x where self < bound, else y.

@@ -1,4 +1,4 @@
-//! The Bernstein basis of a kind at one point: what maps and Jacobians are summed from.
+//! The Bernstein basis of a kind at one point: what shape functions and their gradients are summed from.
 
 use super::kind::{Family, Kind};
 use crate::frame::Vec3;

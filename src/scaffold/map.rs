@@ -1,6 +1,6 @@
 //! The map of one element: cell frame to world and back.
 //!
-//! x = F(xi) = sum `N_a(xi)` `X_a`, evaluated from Bernstein control points. Elements whose map is
+//! x = F(xi) = sum `N_a(xi)` `X_a`, evaluated in powers of xi and bounded by Bernstein control points. Elements whose map is
 //! affine within 1e-12 of their size (every Tet4, straight Tet10, parallelepipeds) take a closed
 //! form; the others invert F by damped Newton steps.
 

@@ -2,10 +2,10 @@
 //!
 //! Blocks of 2^3 samples that lie in one element are first asked at their centre: with L the slope's
 //! bound and R the block's half diagonal, |F| >= L (R + w) there decides all of them. Samples that are
-//! left are asked for their value; where the map is smooth they are placed by its second derivatives at
-//! the centre, else by Newton's method. Those with |F| < L w are seated in their owner and in the elements
+//! left are asked for their value; where second derivatives of the map place the block's corners within
+//! 1e-7 of the cell, they place all of it, else Newton's method does. Those with |F| < L w are seated in their owner and in the elements
 //! that share in the blend, which are asked for gradients, there and one step on. What comes out is
-//! what single points give.
+//! what single points give, but for those 1e-7.
 
 mod seats;
 
@@ -58,8 +58,6 @@ struct Block {
 
 /// Guesses this good, in reference units, need no step of Newton's method.
 const GOOD: f64 = 1e-7;
-/// At how many other blocks' centres guesses are compared at least.
-const COMPARED: usize = 3;
 
 /// Points in elements that are asked for values together.
 #[derive(Default)]
@@ -121,6 +119,21 @@ fn ball(samples: &[Target]) -> (Vec3, f64) {
         (Some(a), Some(b)) => ((a.x + b.x) / 2.0, (b.x - a.x).norm() / 2.0),
         _ => (Vec3::zeros(), 0.0),
     }
+}
+
+/// Corners of a block of samples of which no two share an edge: guesses that err by odd powers of the
+/// distance, or by even ones, err alike at the other corners.
+fn corners(samples: &[Target]) -> [Vec3; 4] {
+    let (a, b) = match (samples.first(), samples.last()) {
+        (Some(a), Some(b)) => (a.x, b.x),
+        _ => (Vec3::zeros(), Vec3::zeros()),
+    };
+    [
+        a,
+        Vec3::new(a.x, b.y, b.z),
+        Vec3::new(b.x, a.y, b.z),
+        Vec3::new(b.x, b.y, a.z),
+    ]
 }
 
 impl<F: Filling> TiledSolid<'_, F> {
@@ -191,7 +204,7 @@ impl<F: Filling> TiledSolid<'_, F> {
             if depth <= radius {
                 continue;
             }
-            // The map's second derivatives hardly change from block to block.
+            // Second derivatives change little from block to block.
             let trail = match batch.blocks.last().filter(|b| b.place == *place) {
                 Some(last) => Trail {
                     x,
@@ -199,7 +212,7 @@ impl<F: Filling> TiledSolid<'_, F> {
                     inverse: spot.inverse,
                     ..last.trail
                 },
-                None => self.trail(local, *place, x, spot),
+                None => self.note_trail(local, *place, x, spot),
             };
             batch.asked.push(*place as u32, spot.xi);
             batch.blocks.push(Block {
@@ -207,13 +220,10 @@ impl<F: Filling> TiledSolid<'_, F> {
                 place: *place,
                 radius,
                 trail,
-                is_smooth: patch.is_affine(),
+                is_smooth: patch.error(self.scaffold, &trail, corners(&blocks[number])) < GOOD,
                 depth,
                 f: 0.0,
             });
-        }
-        for blocks in batch.blocks.chunk_by_mut(|a, b| a.place == b.place) {
-            judge(blocks);
         }
         self.ask_values(local, batch);
         for (block, &f) in batch.blocks.iter_mut().zip(&batch.values) {
@@ -314,27 +324,6 @@ impl<F: Filling> TiledSolid<'_, F> {
                 .values(element, &asked.points[all.clone()], &mut values[all]);
         }
         batch.looked += batch.asked.points.len() as u64;
-    }
-}
-
-/// Says of blocks in one element whether the map is as smooth as guesses take it to be: what the first
-/// one guesses of the others' centres, which errs by the third power of the distance, is compared.
-fn judge(blocks: &mut [Block]) {
-    let [first, others @ ..] = &*blocks else {
-        return;
-    };
-    let mut worst = if others.len() < COMPARED {
-        f64::INFINITY
-    } else {
-        0.0
-    };
-    for other in others {
-        let near = first.radius.max(other.radius) / (other.trail.x - first.trail.x).norm();
-        let error = (first.trail.guess(other.trail.x) - other.trail.xi).norm();
-        worst = worst.max(error * near.powi(3));
-    }
-    for block in blocks {
-        block.is_smooth |= worst < GOOD;
     }
 }
 

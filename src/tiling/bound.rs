@@ -68,8 +68,8 @@ impl<F: Filling> TiledSolid<'_, F> {
         }
     }
 
-    /// Every value of F at points of the box that lie in near elements; `None` if there are none. It is
-    /// not looked for further where some values may be nearer to 0 than `least`.
+    /// Bounds F at points of the box that lie in near elements; `None` if there are none. Once it holds
+    /// values nearer to 0 than `least` the other elements are left out: it says no more than that.
     pub(super) fn field_range(&self, near: &Near, region: &Aabb, least: f64) -> Option<Interval> {
         let mut range: Option<Interval> = None;
         for &e in &near.patches {

@@ -20,7 +20,7 @@ pub(super) struct Local {
     pub near: Near,
     /// The last point's owner.
     last: Option<u32>,
-    /// The last point that each near element placed, if it is curved.
+    /// A point near the last ones that each near element placed, if it is curved.
     trails: Vec<Cell<Option<Trail>>>,
     /// Whether points are wanted for values in single precision.
     is_rough: bool,
@@ -198,8 +198,9 @@ impl<F: Filling> TiledSolid<'_, F> {
         }
     }
 
-    /// A trail from a point as one of the near elements has placed it, with second derivatives.
-    pub(super) fn trail(&self, local: &Local, place: usize, x: Vec3, spot: &Spot) -> Trail {
+    /// Makes and notes a trail, with second derivatives, from a point as one of the near elements has
+    /// placed it.
+    pub(super) fn note_trail(&self, local: &Local, place: usize, x: Vec3, spot: &Spot) -> Trail {
         let patch = self.patch(local, place);
         let trail = patch.trail(self.scaffold, x, spot);
         if !patch.is_affine() {

@@ -42,7 +42,7 @@ pub(super) struct Search {
 }
 
 /// Where a point lies as an element sees it. Outside the element the map is continued: linearly from
-/// the point `inner` of the closed reference cell, so that the continuation meets the map at the
+/// the nearest point of the closed reference cell, so that the continuation meets the map at the
 /// faces. (An affine map is its own continuation.)
 #[derive(Clone, Copy)]
 pub(super) struct Spot {
@@ -157,8 +157,8 @@ impl Patch {
         (spot.beyond < -ON_FACE).then_some(spot)
     }
 
-    /// Where those of some points lie that may be less than `margin` world units outside; each is
-    /// guessed from the last one that was found.
+    /// Where those of some points lie that may be less than `margin` world units outside; four at a time,
+    /// guessed from the first of the last four that was found.
     pub fn spots(
         &self,
         scaffold: &Scaffold,
@@ -322,6 +322,16 @@ impl Patch {
     /// How far a step may go in it.
     pub fn pace(&self, half_width: f64, voxel_size: f64) -> Pace {
         Pace::new(self.slope_rms, self.slope_sup, half_width, voxel_size)
+    }
+
+    /// By how much, in reference units, a trail errs at one of four points of the element at most; nothing
+    /// is known of pyramids whose map is no polynomial.
+    pub fn error(&self, scaffold: &Scaffold, trail: &Trail, points: [Vec3; 4]) -> f64 {
+        if self.is_affine() {
+            return 0.0;
+        }
+        self.curve(scaffold)
+            .map_or(f64::INFINITY, |c| c.error(trail, points))
     }
 
     /// A trail from a point as the element has placed it.

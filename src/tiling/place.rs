@@ -31,7 +31,7 @@ struct Step<T> {
     inverse: Matrix<T>,
 }
 
-// In what follows closures would not be compiled for their caller's processor.
+// Arithmetic on lanes stands in no closure: it would not be compiled for its caller's processor.
 
 /// a . b + c.
 #[inline(always)]
@@ -92,13 +92,15 @@ pub(super) fn rows<L: Lanes>(lanes: L, points: &[Vec3]) -> [Four<L>; 3] {
     Four::points(lanes, [a.into(), b.into(), c.into(), d.into()])
 }
 
+/// To memory: by row, column and lane.
 #[inline(always)]
-pub(super) fn matrices<L: Lanes>(m: Matrix<Four<L>>) -> [[[f64; 4]; 3]; 3] {
-    [columns(m[0]), columns(m[1]), columns(m[2])]
+pub(super) fn stored_matrix<L: Lanes>(m: Matrix<Four<L>>) -> [[[f64; 4]; 3]; 3] {
+    [stored(m[0]), stored(m[1]), stored(m[2])]
 }
 
+/// To memory: by coordinate and lane.
 #[inline(always)]
-pub(super) fn columns<L: Lanes>(v: [Four<L>; 3]) -> [[f64; 4]; 3] {
+pub(super) fn stored<L: Lanes>(v: [Four<L>; 3]) -> [[f64; 4]; 3] {
     [v[0].row(), v[1].row(), v[2].row()]
 }
 
@@ -209,8 +211,10 @@ impl Curve<'_> {
             if settled.contains(&true) {
                 let rest = difference(x, step.from);
                 let overshoot = dot(rest, rest, x[0].like(0.0)).sqrt().row();
-                let (xi, inverse) = (columns(step.xi), matrices(step.inverse));
-                for n in (0..4).filter(|&n| settled[n]) {
+                let (xi, inverse) = (stored(step.xi), stored_matrix(step.inverse));
+                // Where the map is singular nothing is found.
+                let is_found = |n: usize| xi.iter().all(|row| row[n].is_finite());
+                for n in (0..4).filter(|&n| settled[n] && is_found(n)) {
                     spots[n] = Some(Spot {
                         xi: Vec3::from_fn(|r, _| xi[r][n]),
                         inverse: Mat3::from_fn(|r, c| inverse[r][c][n]),
@@ -248,7 +252,7 @@ impl Work for Bend<'_> {
             let (p, q) = (Vec3::ith(axes[0], FAR), Vec3::ith(axes[1], FAR));
             let points = [self.at + p, self.at - p, self.at + q, self.at - q];
             let (_, jacobian) = self.curve.map.evaluate(rows(lanes, &points));
-            let j = matrices(jacobian);
+            let j = stored_matrix(jacobian);
             for (n, &axis) in axes.iter().enumerate().take(count) {
                 let slope =
                     Mat3::from_fn(|r, c| (j[r][c][2 * n] - j[r][c][2 * n + 1]) / (2.0 * FAR));
@@ -273,5 +277,31 @@ impl Curve<'_> {
             at,
             inverse,
         })
+    }
+}
+
+/// How far guesses of four points are from where a step takes them.
+struct Astray<'a>(Curve<'a>, &'a Trail, [Vec3; 4]);
+
+impl Work for Astray<'_> {
+    type Output = f64;
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, lanes: L) -> f64 {
+        let Self(curve, trail, points) = self;
+        let x: [Four<L>; 3] = rows(lanes, &points);
+        let guess = trail.guess_row(x);
+        let step = curve.step(x, clamp_row(curve.shape, guess));
+        let [a, b, c] = difference(step.xi, guess);
+        let far = a.abs().max(b.abs()).max(c.abs()).row();
+        // What is no number counts as far.
+        far.into_iter().fold(0.0, |m, v| if v <= m { m } else { v })
+    }
+}
+
+impl Curve<'_> {
+    /// By how much, in reference units, a trail errs at one of four points of the element at most.
+    pub fn error(&self, trail: &Trail, points: [Vec3; 4]) -> f64 {
+        lanes::run(Astray(*self, trail, points))
     }
 }

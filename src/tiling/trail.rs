@@ -1,6 +1,6 @@
 //! The map from the world to an element's cell about a point, to the second order.
 // Small functions of hot paths, which must be compiled for the processor that their caller is for;
-// closures would not be.
+// arithmetic on lanes stands in no closure, which would not be.
 #![allow(clippy::inline_always)]
 
 use super::place::{Matrix, alike, difference, product, rows};

@@ -3,10 +3,10 @@
 //! Points of one element walk together, four at a time; between the steps the cell is asked for all of
 //! them. A point gives the same bits alone and among others.
 // Small functions of hot paths, which must be compiled for the processor that their caller is for;
-// closures would not be.
+// arithmetic on lanes stands in no closure, which would not be.
 #![allow(clippy::inline_always)]
 
-use super::place::{Curve, Matrix, columns, dot, matrices, product, rows};
+use super::place::{Curve, Matrix, dot, product, rows, stored, stored_matrix};
 use super::trail::Trail;
 use crate::frame::{CellPoint, Mat3, Vec3};
 use crate::lanes::{self, Four, Lanes, Number, Work};
@@ -167,11 +167,11 @@ impl Work for SetOff<'_> {
                 }
                 None => (guess, by),
             };
-            leg.way = columns(way);
+            leg.way = stored(way);
             leg.size = size.row();
             leg.flat = flat.row();
-            leg.by = matrices(by);
-            let to = columns(to);
+            leg.by = stored_matrix(by);
+            let to = stored(to);
             for (n, at) in at.iter_mut().enumerate() {
                 at.0 = Vec3::new(to[0][n], to[1][n], to[2][n]);
             }
@@ -189,13 +189,13 @@ impl Work for Arrive<'_> {
         for ((s, leg), scales) in groups.zip(self.scales.chunks_mut(4)) {
             let (f, g) = slopes(lanes, s);
             let by = [
-                row(lanes, leg.by[0]),
-                row(lanes, leg.by[1]),
-                row(lanes, leg.by[2]),
+                loaded(lanes, leg.by[0]),
+                loaded(lanes, leg.by[1]),
+                loaded(lanes, leg.by[2]),
             ];
             let g = to_world(by, g);
             let [x, y, z] = pace.step(f, g, dot(g, g, f.like(0.0)));
-            let first = row(lanes, leg.way);
+            let first = loaded(lanes, leg.way);
             let (size, flat) = (Four::of(lanes, leg.size), Four::of(lanes, leg.flat));
             let way = [first[0] + x, first[1] + y, first[2] + z];
             let scale = dot(way, way, f.like(0.0)).sqrt() / size;
@@ -207,8 +207,9 @@ impl Work for Arrive<'_> {
     }
 }
 
+/// From memory: by coordinate and lane.
 #[inline(always)]
-fn row<L: Lanes>(lanes: L, v: [[f64; 4]; 3]) -> [Four<L>; 3] {
+fn loaded<L: Lanes>(lanes: L, v: [[f64; 4]; 3]) -> [Four<L>; 3] {
     [
         Four::of(lanes, v[0]),
         Four::of(lanes, v[1]),

@@ -49,8 +49,8 @@ impl Walls {
         &self.planes[..self.count]
     }
 
-    /// The largest signed distance to the planes and the box: of a parallelepiped or a tet the measure
-    /// m that blending uses, of any element a lower bound of how far outside a point is.
+    /// The largest signed distance to the planes and the box: of an affine element the measure m that
+    /// blending uses, of any element a lower bound of how far outside a point is.
     #[inline(always)]
     pub fn outside<T: Number>(&self, x: [T; 3]) -> T {
         let mut m = x[0].like(f64::NEG_INFINITY);

@@ -122,9 +122,10 @@ fn alone(shape: Element, h: f64) -> (Scaffold, Vec<SampleLattice<WorldPoint>>) {
     let own: Vec<u32> = (0..nodes.len() as u32).collect();
     elements.push(kind, &own);
     let scaffold = Scaffold::new(nodes, elements).unwrap();
-    let from = scaffold.bounds().min;
-    let leaves = (0..4096u32)
-        .map(|i| from + Vec3::from([i % 16, i / 16 % 16, i / 256].map(f64::from)) * (8.0 * h))
+    let middle = scaffold.bounds().centre().0.add_scalar(-3.5 * h);
+    let leaves: Vec<_> = (0..4096u32)
+        .map(|i| [i % 16, i / 16 % 16, i / 256].map(|n| f64::from(n) - 8.0))
+        .map(|i| middle + Vec3::from(i) * (8.0 * h))
         .filter(|corner| {
             (0..8).all(|n| {
                 let end = Vec3::from([n & 1, n >> 1 & 1, n >> 2].map(f64::from)) * (7.0 * h);
@@ -132,11 +133,13 @@ fn alone(shape: Element, h: f64) -> (Scaffold, Vec<SampleLattice<WorldPoint>>) {
                     .element(0)
                     .inverse(WorldPoint(corner + end))
                     .unwrap();
-                shape.face_distance(xi) < -2.0 * h
+                shape.face_distance(xi) < -6.0 * h
             })
         })
         .map(|corner| leaf(corner, h))
         .collect();
+    // So deep that the element's own faces do not show, as those of the bent scaffold do not.
+    assert!(!leaves.is_empty());
     (scaffold, leaves)
 }
 

@@ -11,6 +11,7 @@ use druse::scaffold::{Connectivity, Kind, Scaffold};
 use druse::tiling::{Boundary, CellField, Distance, TiledSolid, TilingOptions};
 
 mod aligned;
+mod bent;
 mod cosines;
 mod counts;
 mod distances;

@@ -1,0 +1,85 @@
+//! Maps of bent elements, in bulk and point by point.
+
+use super::options;
+use crate::strategy::{self, Noise};
+use druse::cell::{Surface, Table};
+use druse::field::{Field, SampleLattice};
+use druse::frame::{Element, Vec3, WorldPoint};
+use druse::scaffold::{Kind, Scaffold};
+use druse::tiling::TiledSolid;
+
+#[test]
+fn maps_are_sums_of_shape_functions() {
+    for kind in Kind::solids() {
+        let nodes = strategy::element_nodes(kind, 0.1, 7);
+        let mut elements = druse::scaffold::Connectivity::default();
+        let own: Vec<u32> = (0..nodes.len() as u32).collect();
+        elements.push(kind, &own);
+        let scaffold = Scaffold::new(nodes.clone(), elements).unwrap();
+        let mut noise = Noise::new(11);
+        for _ in 0..50 {
+            let xi = strategy::cell_point(kind.shape(), &mut noise);
+            let (x, jacobian) = scaffold.element(0).map_and_jacobian(xi);
+            let weights = kind.shape_functions(xi);
+            let sum: Vec3 = nodes.iter().zip(weights).map(|(p, w)| p * w).sum();
+            assert!((x.0 - sum).norm() < 1e-12, "{kind:?} at {xi:?}");
+            for (axis, column) in jacobian.column_iter().enumerate() {
+                let slopes = kind.shape_gradients(xi);
+                let sum: Vec3 = nodes.iter().zip(slopes).map(|(p, g)| p * g[axis]).sum();
+                assert!((column - sum).norm() < 1e-11, "{kind:?} at {xi:?}");
+            }
+        }
+    }
+}
+
+/// Elements that are graded and sheared along the way, so that no derivative of their maps vanishes.
+fn graded(kind: Kind) -> Scaffold {
+    let (mut nodes, elements) = strategy::mesh(kind, [2, 2, 2], 0.0, 1);
+    for p in &mut nodes {
+        let q = *p;
+        *p += Vec3::new(
+            0.12 * q.x * q.x + 0.05 * q.y * q.z,
+            0.15 * q.y * q.y + 0.04 * q.x * q.y,
+            0.10 * q.z * q.z + 0.06 * q.x * q.z,
+        );
+    }
+    Scaffold::new(nodes, elements).unwrap()
+}
+
+#[test]
+fn values_in_bulk_are_those_of_single_points_in_graded_elements_of_every_kind() {
+    let solids = Kind::solids().filter(|k| matches!(k.shape(), Element::Tet | Element::Hex));
+    for kind in solids {
+        let scaffold = graded(kind);
+        let surface = if kind.shape() == Element::Hex {
+            Surface::SchwarzP
+        } else {
+            Surface::Diamond
+        };
+        let table = Table::new(&surface.cell(kind.shape()).unwrap()).unwrap();
+        let mut noise = Noise::new(23);
+        // From voxels that the elements' bending shows in to ones that it does not.
+        for voxels in [8.0, 25.0, 60.0] {
+            let h = 1.0 / voxels;
+            let tiled = TiledSolid::new(&scaffold, &table, options(h)).unwrap();
+            let bounds = scaffold.bounds();
+            for _ in 0..60 {
+                // Lattices start anywhere, so that faces cut their parts in every way.
+                let share = noise.vector() * 0.5 + Vec3::repeat(0.5);
+                let origin = bounds.min + bounds.size().component_mul(&share);
+                let lattice = SampleLattice {
+                    origin: WorldPoint(origin),
+                    step: h,
+                    counts: [8, 7, 5],
+                };
+                let mut values = vec![0f32; lattice.len()];
+                tiled.fill(&lattice, &mut values);
+                for (n, &v) in values.iter().enumerate() {
+                    let single = tiled.value(lattice.point(n));
+                    let off = (f64::from(v) - single).abs() / h;
+                    assert!(off < 1e-4, "{kind:?}, {voxels} voxels: {off:e} at {n}");
+                }
+            }
+        }
+    }
+}
