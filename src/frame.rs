@@ -84,9 +84,8 @@ pub struct Transform {
 }
 
 impl Transform {
-    /// The smallest voxel size of a level set: OpenVDB takes a scale for zero if its cube is at most
-    /// three times the rounding error of 1.
-    pub const LEAST_VOXEL: f64 = 8.75e-6;
+    /// The smallest voxel size of a grid: OpenVDB takes a scale for zero if its cube is below 3e-15.
+    pub const LEAST_VOXEL: f64 = 1.4423e-5;
 
     /// A transform with this voxel size in world units; `None` unless it is positive and finite.
     pub fn new(voxel_size: f64) -> Option<Self> {

@@ -267,6 +267,24 @@ fn bad_recipes_are_refused_before_anything_is_written() {
 }
 
 #[test]
+fn the_least_voxel_is_written_and_a_smaller_one_refused_at_once() {
+    let recipe = |voxel: f64| {
+        let radius = 12.0 * voxel;
+        format!(
+            "druse = 1\nunit = \"mm\"\n[band]\nvoxel_size = {voxel}\n[[op]]\nunion = {{ sphere = {{ radius = {radius} }} }}\n[[output]]\nvdb = \"a.vdb\"\n"
+        )
+    };
+    let least = druse::frame::Transform::LEAST_VOXEL * 1e3;
+    let place = Place::with(&recipe(1.0001 * least));
+    assert!(place.run(&["run", "r.toml"]).status.success());
+    let place = Place::with(&recipe(0.9999 * least));
+    let words = &["OpenVDB holds none", "smaller unit"];
+    refuse(&place, &["run", "r.toml"], 65, words);
+    // No more is asked than OpenVDB asks.
+    assert!((least * 1e-3).powi(3) < 3.001e-15);
+}
+
+#[test]
 fn bad_inputs_are_refused_by_name() {
     let stl = fs::read(data("strut_hex.stl")).unwrap();
     let open = b"solid s\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\nendsolid\n";

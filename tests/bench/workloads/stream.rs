@@ -9,7 +9,7 @@ use std::process::Command;
 type Fault = Box<dyn std::error::Error>;
 
 /// Struts along the axes, 5 x 5 x 5 cells of 10 mm, a tenth of the volume solid.
-const W4: &str = "druse = 1\nunit = \"mm\"\n[cell.strut]\ngraph = \"axes\"\nvolume_fraction = 0.1\n[scaffold]\nbox = { size = [50, 50, 50], cell_size = 10 }\n[tiling]\ncell = \"strut\"\n[band]\nvoxel_size = 1\n[[output]]\nvdb = \"w4.vdb\"\n";
+const W4: &str = "druse = 1\nunit = \"mm\"\n[cell.strut]\ngraph = \"axes\"\nvolume_fraction = 0.1\n[scaffold]\nbox = { size = [500, 500, 500], cell_size = 100 }\n[tiling]\ncell = \"strut\"\n[band]\nvoxel_size = 1\n[[output]]\nvdb = \"w4.vdb\"\n";
 /// Voxels along the edge of a cell in the table's W4.
 const VOXELS: u32 = 800;
 const GIB: f64 = 1_073_741_824.0;
@@ -26,7 +26,7 @@ struct Told {
 fn written(voxels: u32, memory: &str) -> Result<Told, Fault> {
     let place = tempfile::tempdir()?;
     std::fs::write(place.path().join("w4.toml"), W4)?;
-    let size = format!("band.voxel_size={}", 10.0 / f64::from(voxels));
+    let size = format!("band.voxel_size={}", 100.0 / f64::from(voxels));
     let output = Command::new(env!("CARGO_BIN_EXE_druse"))
         .args(["run", "w4.toml", "--json", "--quiet", "--threads", "2"])
         .args(["--set", &size, "--memory", memory])
