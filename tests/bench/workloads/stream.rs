@@ -8,7 +8,7 @@ use std::process::Command;
 
 type Fault = Box<dyn std::error::Error>;
 
-/// Struts along the axes, 5 x 5 x 5 cells of 10 mm, a tenth of the volume solid.
+/// Struts along the axes, 5 x 5 x 5 cells of 100 mm, a tenth of the volume solid.
 const W4: &str = "druse = 1\nunit = \"mm\"\n[cell.strut]\ngraph = \"axes\"\nvolume_fraction = 0.1\n[scaffold]\nbox = { size = [500, 500, 500], cell_size = 100 }\n[tiling]\ncell = \"strut\"\n[band]\nvoxel_size = 1\n[[output]]\nvdb = \"w4.vdb\"\n";
 /// Voxels along the edge of a cell in the table's W4.
 const VOXELS: u32 = 800;
