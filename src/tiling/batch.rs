@@ -3,9 +3,9 @@
 //! Blocks of 2^3 samples that lie in one element are first asked at their centre: with L the slope's
 //! bound and R the block's half diagonal, |F| >= L (R + w) there decides all of them. Samples that are
 //! left are asked for their value; where second derivatives of the map place the block's corners within
-//! 1e-7 of the cell, they place all of it, else Newton's method does. Those with |F| < L w are seated in their owner and in the elements
-//! that share in the blend, which are asked for gradients, there and one step on. What comes out is
-//! what single points give, but for those 1e-7.
+//! 1e-7 of the cell, they place all of it, else Newton's method does. Those with |F| < L w are seated in
+//! their owner and in the elements that share in the blend, which are asked for gradients, there and one
+//! step on. What comes out is what single points give, but for those 1e-7.
 
 mod seats;
 
@@ -112,22 +112,24 @@ impl Questions {
     }
 }
 
+/// Opposite corners of a block: of a lattice in storage order the first sample and the last.
+fn ends(samples: &[Target]) -> [Vec3; 2] {
+    match (samples.first(), samples.last()) {
+        (Some(a), Some(b)) => [a.x, b.x],
+        _ => [Vec3::zeros(); 2],
+    }
+}
+
 /// The centre of some samples and the greatest distance from it.
 fn ball(samples: &[Target]) -> (Vec3, f64) {
-    // Of a lattice in storage order the first and the last are opposite corners.
-    match (samples.first(), samples.last()) {
-        (Some(a), Some(b)) => ((a.x + b.x) / 2.0, (b.x - a.x).norm() / 2.0),
-        _ => (Vec3::zeros(), 0.0),
-    }
+    let [a, b] = ends(samples);
+    ((a + b) / 2.0, (b - a).norm() / 2.0)
 }
 
 /// Corners of a block of samples of which no two share an edge: guesses that err by odd powers of the
 /// distance, or by even ones, err alike at the other corners.
 fn corners(samples: &[Target]) -> [Vec3; 4] {
-    let (a, b) = match (samples.first(), samples.last()) {
-        (Some(a), Some(b)) => (a.x, b.x),
-        _ => (Vec3::zeros(), Vec3::zeros()),
-    };
+    let [a, b] = ends(samples);
     [
         a,
         Vec3::new(a.x, b.y, b.z),
@@ -206,12 +208,7 @@ impl<F: Filling> TiledSolid<'_, F> {
             }
             // Second derivatives change little from block to block.
             let trail = match batch.blocks.last().filter(|b| b.place == *place) {
-                Some(last) => Trail {
-                    x,
-                    xi: spot.xi,
-                    inverse: spot.inverse,
-                    ..last.trail
-                },
+                Some(last) => last.trail.moved(x, spot),
                 None => self.note_trail(local, *place, x, spot),
             };
             batch.asked.push(*place as u32, spot.xi);
@@ -265,18 +262,10 @@ impl<F: Filling> TiledSolid<'_, F> {
             return;
         }
         let mut found = std::mem::take(&mut batch.found);
-        let all = (&*batch.at, f64::INFINITY);
-        patch.spots(
-            self.scaffold,
-            all,
-            (&mut block.trail.clone(), true),
-            &mut found,
-        );
+        let (all, mut trail) = ((&*batch.at, f64::INFINITY), block.trail);
+        patch.spots(self.scaffold, all, (&mut trail, true), &mut found);
         for (&target, spot) in samples.iter().zip(&found.all) {
             match spot {
-                Some(spot) if sure >= self.delta() => {
-                    batch.enter_alone(target, block.place, spot, sure);
-                }
                 Some(spot) => batch.enter_alone(target, block.place, spot, patch.depth(spot)),
                 None => batch.open.push(target),
             }

@@ -76,14 +76,9 @@ impl Local {
         self.trails[place].get().unwrap_or_else(|| patch.start())
     }
 
-    fn note(&self, place: usize, x: Vec3, spot: &Spot) {
-        let known = self.trails[place].get();
-        self.trails[place].set(Some(Trail {
-            x,
-            xi: spot.xi,
-            inverse: spot.inverse,
-            bend: known.map_or(Default::default(), |t| t.bend),
-        }));
+    fn note(&self, place: usize, patch: &Patch, x: Vec3, spot: &Spot) {
+        let trail = self.trail(place, patch).moved(x, spot);
+        self.trails[place].set(Some(trail));
     }
 
     /// An empty list, to be filled by [`TiledSolid::narrow`], for values in single precision.
@@ -178,7 +173,7 @@ impl<F: Filling> TiledSolid<'_, F> {
             return patch.spot(self.scaffold, x, margin, Search::default());
         }
         let spot = patch.spot(self.scaffold, x, margin, local.search(place, x))?;
-        local.note(place, x, &spot);
+        local.note(place, patch, x, &spot);
         Some(spot)
     }
 
@@ -266,7 +261,7 @@ impl<F: Filling> TiledSolid<'_, F> {
             let patch = self.patch(local, place);
             if let Some(spot) = patch.inside(self.scaffold, x, local.search(place, x)) {
                 if !patch.is_affine() {
-                    local.note(place, x, &spot);
+                    local.note(place, patch, x, &spot);
                 }
                 return Some(Owner { place, spot });
             }

@@ -62,7 +62,7 @@ pub(super) struct Spot {
 #[derive(Default)]
 pub(super) struct Spots {
     /// Their numbers in the list, ascending.
-    pub of: Vec<u32>,
+    of: Vec<u32>,
     /// `None` where nothing was found.
     pub all: Vec<Option<Spot>>,
     at: Vec<Vec3>,
@@ -191,6 +191,9 @@ impl Patch {
         for (&x, spot) in at.iter().zip(all).filter(|(_, s)| s.is_none()) {
             let start = Some(trail.guess(x));
             *spot = self.spot(scaffold, x, f64::INFINITY, Search { start, is_rough });
+            if let Some(spot) = spot {
+                *trail = trail.moved(x, spot);
+            }
         }
     }
 

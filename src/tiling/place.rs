@@ -162,8 +162,7 @@ impl Work for Find<'_> {
             let mut spots = [None; 4];
             self.curve.find(four, self.trail, self.is_rough, &mut spots);
             if let Some(spot) = &spots[0] {
-                (self.trail.x, self.trail.xi) = (points[0], spot.xi);
-                self.trail.inverse = spot.inverse;
+                *self.trail = self.trail.moved(points[0], spot);
             }
             self.found.extend(&spots[..points.len()]);
         }
@@ -171,7 +170,7 @@ impl Work for Find<'_> {
 }
 
 impl Curve<'_> {
-    /// Where points lie, each guessed from the last one of them that was found.
+    /// Where points lie, guessed from the first of the last four, if that was found.
     pub fn find_all(
         &self,
         trail: &mut Trail,

@@ -3,6 +3,7 @@
 // arithmetic on lanes stands in no closure, which would not be.
 #![allow(clippy::inline_always)]
 
+use super::patch::Spot;
 use super::place::{Matrix, alike, difference, product, rows};
 use crate::frame::{CellPoint, Mat3, Vec3};
 use crate::lanes::{self, Lanes, Number, Work};
@@ -20,6 +21,16 @@ pub(super) struct Trail {
 }
 
 impl Trail {
+    /// The same second derivatives from another point.
+    pub fn moved(self, x: Vec3, spot: &Spot) -> Self {
+        Self {
+            x,
+            xi: spot.xi,
+            inverse: spot.inverse,
+            ..self
+        }
+    }
+
     /// Where points lie, by their reference coordinates.
     #[inline(always)]
     pub fn guess_row<T: Number>(&self, x: [T; 3]) -> [T; 3] {

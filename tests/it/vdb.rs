@@ -152,6 +152,15 @@ fn meshes_are_closed_and_wound_counter_clockwise() {
 }
 
 #[test]
+fn the_least_voxel_is_held_and_none_below() {
+    for (share, is_held) in [(1.0001, true), (0.9999, false)] {
+        let transform = Transform::new(share * Transform::LEAST_VOXEL).unwrap();
+        let builder = LevelSetBuilder::new(transform, 3.0).unwrap();
+        assert_eq!(builder.finish(session()).is_ok(), is_held, "{share}");
+    }
+}
+
+#[test]
 fn leaves_come_back_as_they_went_in() {
     let transform = Transform::new(0.25).unwrap();
     let builder = LevelSetBuilder::new(transform, 3.0).unwrap();

@@ -10,13 +10,10 @@ use crate::tiling::{Filling, TiledSolid};
 pub(super) struct Seat {
     item: u32,
     place: u32,
-    /// Whose trail has d xi / d x, or [`ALONE`].
-    block: u32,
+    /// Whose trail has d xi / d x; without one it stands in a list.
+    block: Option<u32>,
     weight: f64,
 }
-
-/// For seats whose d xi / d x stands in a list.
-const ALONE: u32 = u32::MAX;
 
 /// The sum of the shares in a sample.
 #[derive(Clone, Copy, Default)]
@@ -95,7 +92,7 @@ impl<F: Filling> TiledSolid<'_, F> {
                 let weight = 1.0 - spot.overshoot.max(depth) / self.delta();
                 if weight > 0.0 {
                     batch.inverses.push(spot.inverse);
-                    batch.take_seat(n, place as u32, spot.xi, ALONE, weight);
+                    batch.take_seat(n, place as u32, spot.xi, None, weight);
                 }
             }
         }
@@ -140,13 +137,14 @@ impl<F: Filling> TiledSolid<'_, F> {
         legs.resize(most, Leg::default());
         let (mut first, mut alone, mut leg) = (0, 0, 0);
         for run in seats.chunk_by(|a, b| (a.place, a.block) == (b.place, b.block)) {
-            let (all, own) = (first..first + run.len(), alone..alone + run.len());
+            let all = first..first + run.len();
             let Seat { place, block, .. } = run[0];
-            let frame = if block == ALONE {
+            let frame = if let Some(number) = block {
+                Frame::Trail(&blocks[number as usize].trail)
+            } else {
+                let own = alone..alone + run.len();
                 alone = own.end;
                 Frame::Each(&inverses[own])
-            } else {
-                Frame::Trail(&blocks[block as usize].trail)
             };
             let patch = self.patch(local, place as usize);
             let walkers = Walkers {
@@ -196,16 +194,16 @@ impl Batch {
         let own = &self.items[item as usize];
         let (place, xi) = (own.place, self.asked.points[item as usize].0);
         match own.how {
-            How::Block(number) => self.take_seat(item, place, xi, number, 1.0),
+            How::Block(number) => self.take_seat(item, place, xi, Some(number), 1.0),
             How::Alone(number) => {
                 self.inverses.push(self.alone[number as usize]);
-                self.take_seat(item, place, xi, ALONE, 1.0);
+                self.take_seat(item, place, xi, None, 1.0);
             }
         }
     }
 
     /// Seats an item in an element, with d xi / d x of a block, or in the list.
-    fn take_seat(&mut self, item: u32, place: u32, xi: Vec3, block: u32, weight: f64) {
+    fn take_seat(&mut self, item: u32, place: u32, xi: Vec3, block: Option<u32>, weight: f64) {
         self.points.push(CellPoint(xi));
         self.seats.push(Seat {
             item,

@@ -119,10 +119,8 @@ fn signs_are_those_of_the_values() {
         let table = Table::new(&cell).unwrap();
         for boundary in [Boundary::Cut, Boundary::Extend] {
             let options = TilingOptions {
-                voxel_size: h,
-                half_width: 3.0 * h,
-                distance: Distance::Fast,
                 boundary,
+                ..super::options(h)
             };
             let solid = TiledSolid::new(&hexes, &table, options).unwrap();
             // Layers across each axis, a row, and a lattice too wide for the short way.
@@ -172,10 +170,8 @@ fn eight_bounds_at_once_hold_and_are_as_sharp_as_single_ones() {
         let table = Table::new(&cell).unwrap();
         for boundary in [Boundary::Cut, Boundary::Extend] {
             let options = TilingOptions {
-                voxel_size: h,
-                half_width: 3.0 * h,
-                distance: Distance::Fast,
                 boundary,
+                ..super::options(h)
             };
             let solid = TiledSolid::new(&hexes, &table, options).unwrap();
             for n in 0..60u32 {
