@@ -3,12 +3,11 @@
 //!
 //! Accuracy: four cells of the reference tetrahedron fitted with about 240 coefficients, by least
 //! squares over the element and by the mirror extension of the literature, without and with a right
-//! angle at the faces; lengths in reference units (edge sqrt 2). Speed: the projection of 128^3
-//! samples beside their own real transform, the least squares with 1,500 unknowns, the signed distance
-//! of a mesh of 27,540 triangles, closed and as loose triangles, and look-ups in tables along the rows
-//! of turned leaves, 40 voxels to the unit.
+//! angle at the faces; lengths in reference units (edge sqrt 2). Speed: the least squares with 1,500
+//! unknowns, the winding number of 8,192 loose triangles, and look-ups in tables along the rows of turned
+//! leaves, 40 voxels to the unit.
 
-use druse::cell::{Cell, FitOptions, Method, Solver, Table, Transform, fit, fourier_coefficients};
+use druse::cell::{Cell, FitOptions, Method, Solver, Table, fit};
 use druse::field::{Field, SampleLattice};
 use druse::frame::{CellPoint, Element, Vec3, WorldPoint};
 use druse::mesh::{MeshSolid, TriMesh};
@@ -123,39 +122,6 @@ fn seconds(times: usize, mut work: impl FnMut()) -> f64 {
         .fold(f64::INFINITY, f64::min)
 }
 
-/// P15: the fit of N^3 samples under Td beside their own real transform, on one thread.
-fn transform_fit() {
-    let (group, lattice) = match Cell::symmetry(Element::Tet, Some("cubic")) {
-        Ok(found) => found,
-        Err(error) => return println!("P15: {error}"),
-    };
-    for n in [64, 128] {
-        let samples: Vec<f64> = (0..n * n * n)
-            .map(|i| {
-                let at = |j: usize| j as f64 / n as f64 - 0.5;
-                cross(CellPoint(Vec3::new(
-                    at(i / (n * n)),
-                    at(i / n % n),
-                    at(i % n),
-                )))
-            })
-            .collect();
-        let plan = Transform::<3>::new(n);
-        let floor = seconds(7, || {
-            black_box(plan.forward(black_box(&samples)));
-        });
-        let whole = seconds(7, || {
-            black_box(fourier_coefficients(&group, &lattice, &samples, n, None));
-        });
-        println!(
-            "P15 fit of {n}^3 samples under Td: {:.1} ms, its real transform {:.1} ms, ratio {:.2} (at most 10)",
-            whole * 1e3,
-            floor * 1e3,
-            whole / floor
-        );
-    }
-}
-
 /// The least squares with 1,500 unknowns, by both solvers.
 fn many_unknowns() {
     for (label, solver) in [("dense", Solver::Dense), ("iterative", Solver::Iterative)] {
@@ -182,30 +148,9 @@ fn many_unknowns() {
     }
 }
 
-/// A torus about z of radii 0.3 and 0.12, cut into so many parts around each.
-fn torus(around: u32, across: u32) -> Option<TriMesh> {
-    let angle = |i: u32, n: u32| f64::from(i) / f64::from(n) * std::f64::consts::TAU;
-    let (mut vertices, mut triangles) = (Vec::new(), Vec::new());
-    for i in 0..around {
-        for j in 0..across {
-            let (a, b) = (angle(i, around), angle(j, across));
-            let r = 0.3 + 0.12 * b.cos();
-            vertices.push(Vec3::new(r * a.cos(), r * a.sin(), 0.12 * b.sin()));
-            let at = |i: u32, j: u32| i % around * across + j % across;
-            let [p, q, r, s] = [at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)];
-            triangles.extend([[p, q, r], [p, r, s]]);
-        }
-    }
-    TriMesh::new(vertices, triangles).ok()
-}
-
-/// The signed distance of 27,540 triangles at 64^3 points of the unit cube, one core.
-fn signed_distances() {
-    let Some(mesh) = torus(135, 102) else {
-        return println!("P16: no mesh");
-    };
-    let triangles = mesh.triangles().len();
-    let solid = MeshSolid::new(mesh);
+/// The winding number of the loose triangles of a ball at 64^3 points of the unit cube, one core.
+fn winding_numbers() {
+    let mesh = TriMesh::ball(Vec3::zeros(), 0.4, 5);
     let n = 64;
     let step = 1.0 / n as f64;
     let lattice = SampleLattice {
@@ -214,21 +159,7 @@ fn signed_distances() {
         counts: [n; 3],
     };
     let each = |start: Instant| start.elapsed().as_secs_f64() * 1e6 / lattice.len() as f64;
-    let mut values = vec![0.0; lattice.len()];
-    let start = Instant::now();
-    solid.fill(&lattice, black_box(&mut values));
-    let bulk = each(start);
-    let start = Instant::now();
-    for m in 0..lattice.len() {
-        black_box(solid.signed_distance(lattice.point(m).0));
-    }
-    let single = each(start);
-    println!(
-        "P16: signed distance of {triangles} triangles: {bulk:.2} us a point on a grid, {single:.2} us \
-         one by one (at most 4.4)"
-    );
-    // The same triangles, each with corners of its own a little astray and one in fifty left out.
-    let Ok(loose) = loosened(solid.mesh()) else {
+    let Ok(loose) = loosened(&mesh) else {
         return println!("no loose mesh");
     };
     let triangles = loose.triangles().len();
@@ -316,10 +247,9 @@ fn main() {
     match Threads::new(1) {
         Ok(one) => one.install(|| {
             look_ups();
-            transform_fit();
-            signed_distances();
+            winding_numbers();
         }),
-        Err(error) => println!("P15: {error}"),
+        Err(error) => println!("{error}"),
     }
     many_unknowns();
 }

@@ -3,6 +3,8 @@
 //! Every figure is measured side by side with its baseline in this process: rounds in turn, processor
 //! time, median of the ratios. `-- P1 P13` measures some, `-- --json` prints one object by figure,
 //! `-- --full` takes the sizes of the README's table instead of those that suit a quick check.
+//! Wall times of two threads count only while other processes leave the machine alone. `-- P18.native`
+//! first builds this bench for this machine's processor, under `target/native`.
 //!
 //! | workload | what |
 //! |---|---|
@@ -18,17 +20,20 @@
 
 mod workloads {
     pub mod baselines;
+    pub mod builds;
     pub mod child;
     pub mod clock;
     pub mod figure;
     #[cfg(feature = "vdb")]
     pub mod filters;
+    pub mod fits;
     #[cfg(feature = "vdb")]
     pub mod mesher;
     pub mod reader;
     #[cfg(all(feature = "vdb", feature = "cli"))]
     pub mod stream;
     pub mod table;
+    pub mod threads;
     pub mod w1;
     pub mod w2;
     #[cfg(feature = "vdb")]
@@ -37,7 +42,7 @@ mod workloads {
 use workloads::figure::{FIGURES, Found, asks_for, object, table};
 #[cfg(all(feature = "vdb", feature = "cli"))]
 use workloads::stream;
-use workloads::{child, table as look_up, w1, w2};
+use workloads::{builds, child, fits, table as look_up, w1, w2};
 #[cfg(feature = "vdb")]
 use workloads::{filters, mesher, write};
 
@@ -45,8 +50,8 @@ use workloads::{filters, mesher, write};
 pub struct Setting {
     /// Sizes of the README's table.
     pub full: bool,
-    /// A build of this bench for this machine's processor.
-    pub native: Option<std::path::PathBuf>,
+    /// Whether to build this bench for this machine's processor.
+    pub builds_native: bool,
 }
 
 /// What a subject found.
@@ -114,12 +119,24 @@ const SUBJECTS: &[Subject] = &[
         measure: stream::growth,
     },
     Subject {
+        keys: &["P15"],
+        measure: fits::against_the_transform,
+    },
+    Subject {
+        keys: &["P16"],
+        measure: fits::signed_distances,
+    },
+    Subject {
         keys: &["P17.w1"],
         measure: w1::threads,
     },
     Subject {
-        keys: &["P18", "P18.native"],
-        measure: w1::builds,
+        keys: &["P18", "P18.w2"],
+        measure: builds::portable,
+    },
+    Subject {
+        keys: &["P18.native", "P18.native.w2"],
+        measure: builds::native,
     },
 ];
 
@@ -127,7 +144,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut arguments = std::env::args().skip(1);
     let mut setting = Setting {
         full: false,
-        native: None,
+        builds_native: false,
     };
     let (mut json, mut names) = (false, Vec::new());
     while let Some(argument) = arguments.next() {
@@ -136,7 +153,6 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             "--bench" => {}
             "--json" => json = true,
             "--full" => setting.full = true,
-            "--native" => setting.native = arguments.next().map(Into::into),
             "--child" => return child::run(arguments),
             name => names.push(name.to_owned()),
         }
@@ -148,6 +164,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     {
         return Err(format!("{name}: no such figure; P1 to P18, P13.mean, ...").into());
     }
+    setting.builds_native = names.iter().any(|n| n.starts_with("P18.native"));
     let mut found = Vec::new();
     for subject in SUBJECTS {
         if subject.keys.iter().any(|key| is_wanted(key)) {

@@ -1,10 +1,24 @@
 //! Measurements that need a process of their own.
 
-use super::w1::W1;
+use super::clock::{Spread, in_turn};
+use super::{w1, w2};
 use std::path::Path;
 use std::process::Command;
 
-/// Seconds of W1 in a fresh process, pass by pass.
+type Fault = Box<dyn std::error::Error>;
+
+/// What a child does.
+#[derive(Clone, Copy)]
+pub struct Task {
+    /// W1 or W2.
+    pub workload: &'static str,
+    /// At the sizes of the README's table.
+    pub full: bool,
+    /// Without the instructions that only some processors have.
+    pub is_portable: bool,
+}
+
+/// Processor seconds of a workload in a fresh process, on one thread.
 #[derive(Clone, Copy)]
 pub struct Passes {
     pub first: f64,
@@ -12,13 +26,19 @@ pub struct Passes {
     pub later: f64,
 }
 
-const LATER: usize = 7;
+/// Passes after the first: of W1, and of W2, which takes longer.
+const LATER: [usize; 2] = [7, 2];
+const SIZES: [&str; 2] = ["quick", "full"];
+const CODES: [&str; 2] = ["wide", "portable"];
 
-/// Runs W1 in a child: this program or another build of it.
-pub fn w1(program: &Path, full: bool) -> Result<Passes, Box<dyn std::error::Error>> {
-    let mut command = Command::new(program);
-    command.args(["--child", if full { "full" } else { "quick" }]);
-    let output = command.output()?;
+/// Runs a task in a child: this program or another build of it.
+pub fn passes(program: &Path, task: Task) -> Result<Passes, Fault> {
+    let words = [
+        task.workload,
+        SIZES[usize::from(task.full)],
+        CODES[usize::from(task.is_portable)],
+    ];
+    let output = Command::new(program).arg("--child").args(words).output()?;
     let text = String::from_utf8(output.stdout)?;
     let mut numbers = text.split_whitespace().map(str::parse::<f64>);
     match (numbers.next(), numbers.next()) {
@@ -31,13 +51,33 @@ pub fn w1(program: &Path, full: bool) -> Result<Passes, Box<dyn std::error::Erro
     }
 }
 
+/// Ratios, round by round, of the later passes of a task and another, each of its own program.
+pub fn ratios(rounds: usize, a: (&Path, Task), b: (&Path, Task)) -> Result<Spread, Fault> {
+    let (mut own, mut other) = (Vec::new(), Vec::new());
+    for _ in 0..rounds {
+        own.push(passes(a.0, a.1)?.later);
+        other.push(passes(b.0, b.1)?.later);
+    }
+    Ok(Spread::of_ratios(&own, &other))
+}
+
 /// The child's part.
-pub fn run(mut arguments: impl Iterator<Item = String>) -> Result<(), Box<dyn std::error::Error>> {
-    let full = arguments.next().as_deref() == Some("full");
-    let w1 = W1::new(full)?;
-    let pass = || super::clock::in_turn(1, &mut [&mut || w1.read()])[0][0];
+pub fn run(arguments: impl Iterator<Item = String>) -> Result<(), Fault> {
+    let words: Vec<String> = arguments.collect();
+    let has = |word: &str| words.iter().any(|w| w == word);
+    if has(CODES[1]) {
+        druse::lanes::use_portable_code();
+    }
+    let (full, is_w2) = (has(SIZES[1]), has("w2"));
+    let mut work: Box<dyn FnMut()> = if is_w2 {
+        w2::one_pass(full)?
+    } else {
+        let w1 = w1::W1::new(full)?;
+        Box::new(move || w1.read())
+    };
+    let mut pass = || in_turn(1, &mut [&mut *work])[0][0];
     let first = pass();
-    let later: Vec<f64> = (0..LATER).map(|_| pass()).collect();
-    println!("{first} {}", super::clock::Spread::of(&later).median);
+    let later: Vec<f64> = (0..LATER[usize::from(is_w2)]).map(|_| pass()).collect();
+    println!("{first} {}", Spread::of(&later).median);
     Ok(())
 }

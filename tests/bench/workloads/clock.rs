@@ -31,12 +31,6 @@ pub fn wall_seconds(work: impl FnOnce()) -> f64 {
     start.elapsed().as_secs_f64()
 }
 
-/// Whether something else keeps the machine busy, so that wall times say nothing.
-pub fn is_loaded() -> bool {
-    // Fixed point with 16 bits behind it.
-    rustix::system::sysinfo().loads[0] as f64 / 65536.0 >= 1.0
-}
-
 /// Median, least and greatest of several rounds.
 #[derive(Clone, Copy)]
 pub struct Spread {

@@ -1,7 +1,8 @@
 //! Meshing against OpenVDB's, on the same level set with the same threads.
 
-use super::clock::{Spread, in_turn, is_loaded, wall_seconds};
+use super::clock::{Spread, in_turn};
 use super::figure::Found;
+use super::threads::one_against_two;
 use super::w1::W1;
 use crate::Setting;
 use druse::progress::{Silent, Threads};
@@ -39,16 +40,9 @@ pub fn against_open_vdb(setting: &Setting) -> Result<Vec<Found>, Fault> {
         counts[0],
         counts[1]
     );
-    let mut found = vec![Found::new("P14", ratios.median, note)];
-    if is_loaded() {
-        found.push(Found::skipped("P17.mesh", "skipped: loaded"));
-    } else {
-        let wall = |threads: &Threads| {
-            let rounds = (0..ROUNDS).map(|_| wall_seconds(|| drop(black_box(ours(threads)))));
-            rounds.collect::<Vec<f64>>()
-        };
-        let ratios = Spread::of_ratios(&wall(&one), &wall(&two));
-        found.push(Found::new("P17.mesh", ratios.median, ratios.to_string()));
-    }
-    Ok(found)
+    let on = |threads: &Threads| drop(black_box(ours(threads)));
+    Ok(vec![
+        Found::new("P14", ratios.median, note),
+        one_against_two("P17.mesh", &mut || on(&one), &mut || on(&two)),
+    ])
 }

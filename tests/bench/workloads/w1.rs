@@ -1,10 +1,11 @@
 //! W1: a gyroid in a box, and W1s: one of its cells, large.
 
 use super::baselines::{self, Box};
-use super::child;
-use super::clock::{Spread, in_turn, is_loaded, wall_seconds};
+use super::child::{self, Task};
+use super::clock::{Spread, in_turn};
 use super::figure::Found;
 use super::reader::Reader;
+use super::threads::one_against_two;
 use crate::Setting;
 use druse::band::{Band, BandStats, LeafSink};
 use druse::cell::{Surface, Table};
@@ -207,9 +208,14 @@ pub fn through_the_bridge(setting: &Setting) -> Result<Vec<Found>, Fault> {
 /// P5, in a fresh process.
 pub fn first_pass(setting: &Setting) -> Result<Vec<Found>, Fault> {
     let program = std::env::current_exe()?;
+    let task = Task {
+        workload: "w1",
+        full: setting.full,
+        is_portable: false,
+    };
     let mut ratios = Vec::new();
     for _ in 0..ROUNDS {
-        let passes = child::w1(&program, setting.full)?;
+        let passes = child::passes(&program, task)?;
         ratios.push(passes.first / passes.later);
     }
     let ratios = Spread::of(&ratios);
@@ -253,42 +259,14 @@ pub fn growth(setting: &Setting) -> Result<Vec<Found>, Fault> {
 
 /// P17.w1.
 pub fn threads(setting: &Setting) -> Result<Vec<Found>, Fault> {
-    let key = "P17.w1";
-    if is_loaded() {
-        return Ok(vec![Found::skipped(key, "skipped: loaded")]);
-    }
     let w1 = W1::new(setting.full)?;
     let two = Threads::new(2)?;
-    let mut ratios = Vec::new();
-    for _ in 0..=ROUNDS {
-        let [one, two] = [&w1.one, &two].map(|threads| {
-            wall_seconds(|| {
-                w1.to(&Reader::default(), threads);
-            })
-        });
-        ratios.push(one / two);
-    }
-    let ratios = Spread::of(&ratios);
-    Ok(vec![Found::new(key, ratios.median, ratios.to_string())])
-}
-
-/// P18: other builds and other ways through this one.
-pub fn builds(setting: &Setting) -> Result<Vec<Found>, Fault> {
-    let Some(native) = &setting.native else {
-        let why = "needs --native PATH: this bench built with RUSTFLAGS=-Ctarget-cpu=native";
-        return Ok(vec![Found::skipped("P18.native", why)]);
+    let on = |threads: &Threads| {
+        w1.to(&Reader::default(), threads);
     };
-    let own = std::env::current_exe()?;
-    let mut ratios = Vec::new();
-    for _ in 0..ROUNDS {
-        let passes = [&own, native].map(|program| child::w1(program, setting.full));
-        let [own, native] = passes;
-        ratios.push(own?.later / native?.later);
-    }
-    let ratios = Spread::of(&ratios);
-    Ok(vec![Found::new(
-        "P18.native",
-        ratios.median,
-        ratios.to_string(),
+    Ok(vec![one_against_two(
+        "P17.w1",
+        &mut || on(&w1.one),
+        &mut || on(&two),
     )])
 }

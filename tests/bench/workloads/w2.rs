@@ -1,8 +1,9 @@
 //! W2: struts in the tets of an ellipsoid, and W3: two cells blended over bent hexes.
 
-use super::clock::{Spread, in_turn, is_loaded, wall_seconds};
+use super::clock::{Spread, in_turn};
 use super::figure::Found;
 use super::reader::Reader;
+use super::threads::one_against_two;
 use crate::Setting;
 use druse::band::{Band, BandStats};
 use druse::cell::{Cell, FitOptions, Surface, Table, fit_samples};
@@ -133,8 +134,9 @@ fn pass(field: &WorldField, extent: Aabb, threads: &Threads) -> Result<BandStats
     Ok(stats)
 }
 
-fn longest(setting: &Setting) -> f64 {
-    if setting.full { 1000.0 } else { 500.0 }
+/// The ellipsoid's longest axis, voxels.
+fn longest(full: bool) -> f64 {
+    if full { 1000.0 } else { 500.0 }
 }
 
 /// Keys of a workload's counts.
@@ -163,21 +165,12 @@ fn counts(keys: &Keys, stats: &BandStats) -> Vec<Found> {
 }
 
 fn two_threads(keys: &Keys, field: &WorldField, extent: Aabb) -> Result<Found, Fault> {
-    if is_loaded() {
-        return Ok(Found::skipped(keys.threads, "skipped: loaded"));
-    }
-    let both = [Threads::new(1)?, Threads::new(2)?];
-    let mut ratios = Vec::new();
-    for _ in 0..ROUNDS {
-        let [one, two] = [0, 1].map(|n| {
-            wall_seconds(|| {
-                pass(field, extent, &both[n]).expect("the field is finite");
-            })
-        });
-        ratios.push(one / two);
-    }
-    let ratios = Spread::of(&ratios);
-    Ok(Found::new(keys.threads, ratios.median, ratios.to_string()))
+    let [one, two] = [Threads::new(1)?, Threads::new(2)?];
+    let on = |threads: &Threads| {
+        pass(field, extent, threads).expect("the field is finite");
+    };
+    let (mut single, mut double) = (|| on(&one), || on(&two));
+    Ok(one_against_two(keys.threads, &mut single, &mut double))
 }
 
 const W2: Keys = Keys {
@@ -193,7 +186,7 @@ const W3: Keys = Keys {
 
 /// P7, P8 and the counts of W2.
 pub fn struts_in_tets(setting: &Setting) -> Result<Vec<Found>, Fault> {
-    let scaffold = ellipsoid(longest(setting))?;
+    let scaffold = ellipsoid(longest(setting.full))?;
     let extent = scaffold.bounds();
     let tables =
         [FEW, SOME, MANY].map(|limit| -> Result<Table, Fault> { Ok(Table::new(&struts(limit)?)?) });
@@ -231,6 +224,17 @@ pub fn struts_in_tets(setting: &Setting) -> Result<Vec<Found>, Fault> {
     found.extend(counts(&W2, &stats));
     found.push(two_threads(&W2, &field, extent)?);
     Ok(found)
+}
+
+/// A pass over W2 on one thread, for a process that does nothing else.
+pub fn one_pass(full: bool) -> Result<Box<dyn FnMut()>, Fault> {
+    let scaffold: &'static Scaffold = Box::leak(Box::new(ellipsoid(longest(full))?));
+    let table: &'static Table = Box::leak(Box::new(Table::new(&struts(SOME)?)?));
+    let field = tiled(scaffold, table)?;
+    let one = Threads::new(1)?;
+    Ok(Box::new(move || {
+        pass(&field, scaffold.bounds(), &one).expect("the field is finite");
+    }))
 }
 
 /// A block of hexes, bent so that no map is affine, `cell` voxels an edge.
