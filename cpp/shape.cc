@@ -45,6 +45,27 @@ class Share {
   Range range_;
 };
 
+// Where voxels stand. Those on the world's lattice are asked by their number there: a part of a solid then
+// finds to the last bit what the whole does.
+class Places {
+ public:
+  explicit Places(const FloatGrid& grid) : grid_(grid), h_(grid.voxelSize()[0]) {
+    const Vec3d origin = grid.indexToWorld(Vec3d(0.0)) / h_;
+    first_ = Vec3d(std::round(origin[0]), std::round(origin[1]), std::round(origin[2]));
+    on_lattice_ = (origin - first_).length() < 1e-6;
+  }
+
+  Vec3d operator()(const Coord& voxel) const {
+    return on_lattice_ ? (first_ + voxel.asVec3d()) * h_ : grid_.indexToWorld(voxel);
+  }
+
+ private:
+  const FloatGrid& grid_;
+  double h_;
+  Vec3d first_;
+  bool on_lattice_;
+};
+
 }  // namespace
 
 void grid_resize(Grid& handle, int voxels, Smoothing how, const Host& host) {
@@ -66,14 +87,14 @@ void grid_vary(Grid& handle, double offset, const Grid& by, Range range, Smoothi
     Tracker tracker(grid, &interrupter);
     prepare(tracker, how);
     const double h = grid.voxelSize()[0];
+    const Places world(grid);
     const int steps = std::max(1, static_cast<int>(std::ceil(std::abs(offset) / (0.5 * h))));
     const double step = offset / steps;
     for (int n = 0; n < steps; ++n) {
       tracker.leafs().foreach([&](Leaf& leaf, std::size_t) {
         const Share share(mask, range);
         for (auto it = leaf.beginValueOn(); it; ++it) {
-          const Vec3d world = grid.indexToWorld(it.getCoord());
-          it.setValue(*it + static_cast<float>(step * share(world)));
+          it.setValue(*it + static_cast<float>(step * share(world(it.getCoord()))));
         }
       });
       tracker.track();
@@ -90,12 +111,13 @@ void grid_mix(Grid& handle, const Grid& before, const Grid& by, Range range, Smo
     grid.tree().topologyUnion(old.tree());
     Tracker tracker(grid, &interrupter);
     prepare(tracker, how);
+    const Places world(grid);
     tracker.leafs().foreach([&](Leaf& leaf, std::size_t) {
       const Share share(mask, range);
       auto access = old.getConstAccessor();
       for (auto it = leaf.beginValueOn(); it; ++it) {
         const Coord voxel = it.getCoord();
-        const double a = share(grid.indexToWorld(voxel));
+        const double a = share(world(voxel));
         it.setValue(static_cast<float>(a * *it + (1.0 - a) * access.getValue(voxel)));
       }
     });

@@ -150,12 +150,12 @@ pub fn run(
 
     let mut bench = Bench::new(recipe, &threads, progress);
     let first = stock.pointwise();
-    let (mut solid, stats) = match stock.volumes.take_start() {
-        Some(start) => {
-            bench.tools = Tools::OpenVdb;
-            (start, BandStats::default())
-        }
-        None => bench.sample(&shape::shape(&stock, bench.scale)?, "band")?,
+    let (mut solid, stats) = if let Some(start) = stock.volumes.take_start() {
+        bench.tools = Tools::OpenVdb;
+        (start, BandStats::default())
+    } else {
+        stock.begin_visits();
+        bench.sample(&shape::shape(&stock, bench.scale)?, "band")?
     };
     clock.lap("band")?;
 
@@ -184,7 +184,7 @@ pub fn run(
         leaves_touched: stats.leaves_touched,
         leaves_kept: stats.leaves_kept,
         voxels_evaluated: stats.voxels_evaluated,
-        kernel: None,
+        ..BandReport::default()
     };
     let done = output::Finished {
         stock: &stock,
@@ -228,6 +228,7 @@ fn conclude(
     stock.look_at(&parts.solid, scale)?;
     let mut report = Report {
         band: BandReport {
+            elements_visited: stock.elements_visited(),
             kernel: stock.kernel(),
             ..parts.band
         },

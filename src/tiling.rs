@@ -48,6 +48,7 @@ mod scale;
 mod seam;
 mod source;
 mod trail;
+mod visits;
 mod walk;
 mod walls;
 
@@ -56,6 +57,7 @@ pub use certificate::{Certificate, FaceStatistics, Seam, certify};
 pub use distribution::Interpolation;
 pub use path::{PathCheck, check_path};
 pub use source::{CellField, Filling, fills};
+pub use visits::Visits;
 
 use near::{Known, Local};
 use patch::{Patch, Search};
@@ -208,6 +210,8 @@ pub struct TiledSolid<'a, F: Filling = Table> {
     components: Vec<Component>,
     /// The whole as one function over a box, where it is one.
     aligned: Option<aligned::Aligned>,
+    /// Where the elements are noted that bulk evaluation comes near.
+    visits: Option<&'a Visits>,
 }
 
 /// A filling that somebody else owns, or the tiling itself.
@@ -299,7 +303,18 @@ impl<'a, F: Filling> TiledSolid<'a, F> {
             component_of,
             components,
             aligned,
+            visits: None,
         })
+    }
+
+    /// Notes from now on which elements bulk evaluation comes near. Of a box evaluated as one
+    /// function the set holds as many elements, not the same.
+    #[must_use]
+    pub fn noting(self, visits: &'a Visits) -> Self {
+        Self {
+            visits: Some(visits),
+            ..self
+        }
     }
 
     /// How values are found: products only where they are within 0.0025 voxel of the rule's distances.
@@ -462,6 +477,9 @@ impl<F: Filling> Field for TiledSolid<'_, F> {
     fn fill_counting(&self, lattice: &SampleLattice<WorldPoint>, out: &mut [f32]) -> u64 {
         match &self.aligned {
             Some(aligned) => {
+                if let Some(visits) = self.visits {
+                    aligned.note(&lattice.span().dilated(self.delta()), visits);
+                }
                 aligned.fill(lattice, out);
                 lattice.len() as u64
             }

@@ -296,6 +296,13 @@ impl From<RunError> for Failure {
                 )),
             ),
             RunError::Budget { .. } => (DATA, Some("--memory SIZE, or larger voxels".to_owned())),
+            RunError::BrickSize { fitting, .. } => (
+                DATA,
+                Some(match fitting {
+                    Some(edge) => format!("--bricks {edge}, or --memory SIZE"),
+                    None => "--memory SIZE, or larger voxels".to_owned(),
+                }),
+            ),
             RunError::Disk { .. } => (IO, Some("--out DIR on another disk".to_owned())),
             RunError::Bricks { advice, .. } => (DATA, Some(advice)),
             RunError::Stopped { .. } => (

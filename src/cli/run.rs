@@ -134,6 +134,15 @@ pub(super) fn reported(report: &Report, session: &Session) -> Answer {
             bricks.edge * 128
         ));
     }
+    if let (Some(n), Some(scaffold)) = (report.band.elements_visited, &report.scaffold) {
+        session.note(&format!(
+            "looked at {} of {} elements, in {} leaves at {} points",
+            grouped(n),
+            grouped(scaffold.elements.values().sum()),
+            grouped(report.band.leaves_touched),
+            grouped(report.band.voxels_evaluated)
+        ));
+    }
     session.note(&summary(report));
     let lines: Vec<String> = report
         .outputs

@@ -32,6 +32,7 @@ mod later;
 mod measure;
 mod plan;
 mod reach;
+mod walls;
 
 pub use farm::{brick_plan, make_bricks, merge_bricks};
 pub use plan::BrickPlan;
@@ -132,6 +133,7 @@ impl<'a> Yard<'a> {
     pub fn make(&self, bricks: std::ops::Range<usize>) -> Result<(BandStats, usize), RunError> {
         let bench = Bench::new(self.stock.recipe, self.threads, self.progress);
         let shape = super::shape::shape(self.stock, bench.scale)?;
+        self.stock.begin_visits();
         let (mut stats, mut skipped) = (BandStats::default(), 0);
         self.progress.stage("bricks", Some(bricks.len() as u64));
         for brick in bricks {
@@ -275,7 +277,10 @@ pub(super) fn decide(
     let (counts, budget) = match (short, options.bricks) {
         (None, None) => return Ok(None),
         (Some(short), _) => (short.counts, short.available),
-        (None, Some(_)) => (estimate::counts(stock, threads, progress)?, u64::MAX),
+        (None, Some(_)) => {
+            let counts = estimate::counts(stock, threads, progress)?;
+            (counts, options.memory.unwrap_or(u64::MAX))
+        }
     };
     let found = lay_out(stock, threads, &counts, (budget, options.bricks))?;
     // Before all blocks are listed: of a part without measure that takes as long as the part.
@@ -320,7 +325,7 @@ pub(super) fn run(
     let done = checked.and_then(|()| {
         let text = serde_json::to_string(&yard.plan).unwrap_or_default();
         crate::io::atomic::write_bytes(yard.directory.join(PLAN), text.as_bytes())?;
-        whole_run(&yard, targets, clock)
+        whole_run(&yard, (targets, options.brief), clock)
     });
     // What was made is kept for the next run, if anything was.
     if done.is_ok() || yard.whole() == 0 {
@@ -330,10 +335,14 @@ pub(super) fn run(
     done.map_err(|e| yard.stopped(e))
 }
 
-fn whole_run(yard: &Yard, targets: &Targets, clock: &mut Clock) -> Result<Parts, RunError> {
+fn whole_run(
+    yard: &Yard,
+    (targets, is_brief): (&Targets, bool),
+    clock: &mut Clock,
+) -> Result<Parts, RunError> {
     let (stats, whole) = yard.make(0..yard.plan.bricks.len())?;
     clock.lap("bricks")?;
-    let mut parts = gather(yard, None, targets, clock)?;
+    let mut parts = gather(yard, None, (targets, is_brief), clock)?;
     parts.band.active_voxels_sampled = stats.active_voxels;
     parts.band.leaves_touched = stats.leaves_touched;
     parts.band.leaves_kept = stats.leaves_kept;
@@ -377,10 +386,7 @@ fn lay_out(
     }
     let passes = passes(stock.recipe, stock.pointwise());
     let (halo, reach) = (widest(&passes), reach(&passes));
-    let edge = match edge {
-        Some(edge) => edge,
-        None => edge_that_fits(stock, threads, counts, halo, budget)?,
-    };
+    let edge = edge_that_fits(stock, threads, counts, halo, (budget, edge))?;
     let span = edge as i32 * BLOCK + 2 * halo;
     if halo > 0 && span > LARGEST_PART {
         let reason = format!(

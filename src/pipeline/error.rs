@@ -108,6 +108,21 @@ pub enum RunError {
         /// What may be used, bytes.
         budget: u64,
     },
+    /// Bricks of the size asked for do not fit into the memory that may be used.
+    #[error(
+        "bricks of {edge} blocks a side (--bricks {edge}) need {} of memory; the budget is {}{}",
+        gibibytes(*needed), gibibytes(*budget), fitting_bricks(*fitting)
+    )]
+    BrickSize {
+        /// Blocks along an edge.
+        edge: u32,
+        /// What they need, bytes.
+        needed: u64,
+        /// What may be used, bytes.
+        budget: u64,
+        /// The largest that fit.
+        fitting: Option<u32>,
+    },
     /// The disk has no room for bricks and outputs.
     #[error(
         "{}: the bricks and files of this run need about {} and {} are free",
@@ -245,6 +260,13 @@ pub(super) fn short(v: f64) -> String {
         text.trim_end_matches('0').trim_end_matches('.').to_owned()
     } else {
         text
+    }
+}
+
+fn fitting_bricks(edge: Option<u32>) -> String {
+    match edge {
+        Some(edge) => format!("; the largest that fit have {edge}"),
+        None => "; none fit".to_owned(),
     }
 }
 

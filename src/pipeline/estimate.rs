@@ -3,11 +3,13 @@
 //! The field is culled and a part of its leaves evaluated: with the recipe's own voxels where their
 //! number allows, else with voxels of twice, four times ... the edge. Active voxels then grow between
 //! h^-2 (a surface) and h^-3 (a structure as fine as its band); the growth between the two finest
-//! samplings is continued.
+//! samplings is continued. Operations that move the surface of the level set are taken as moves of the
+//! field.
 
 use super::error::{RunError, short};
 use super::memory;
-use super::shape::shape;
+use super::offsets::{Offsets, foretold};
+use super::shape::shape_with;
 use super::stock::Stock;
 use crate::band::{Band, Sampling};
 use crate::frame::Transform;
@@ -50,8 +52,12 @@ const PIXEL_BYTES: f64 = 224.0;
 #[derive(Clone, Copy)]
 pub(super) struct Counts {
     pub blocks: f64,
+    /// That of the extent's box, in blocks.
+    pub volume: f64,
     leaves_touched: f64,
     pub leaves: f64,
+    /// When there are most of them: before operations make the solid smaller.
+    pub most: f64,
     pub active: f64,
     /// Vertices of the mesh.
     points: f64,
@@ -136,8 +142,10 @@ pub(super) fn disk(stock: &Stock, threads: &Threads, leaf_bytes: u64) -> u64 {
     let active = leaf_bytes as f64 / 4.3;
     let counts = Counts {
         blocks: 0.0,
+        volume: 0.0,
         leaves_touched: 0.0,
         leaves: 0.0,
+        most: 0.0,
         active,
         points: points_of(stock, active),
         seconds_per_leaf: 0.0,
@@ -163,19 +171,24 @@ fn sample(
         let info = start.info().map_err(RunError::level_set("counting"))?;
         return Ok(Counts {
             blocks: info.leaves as f64 / 512.0,
+            volume: f64::INFINITY,
             leaves_touched: 0.0,
             leaves: info.leaves as f64,
+            most: info.leaves as f64,
             active: info.active_voxels as f64,
             points: points_of(stock, info.active_voxels as f64),
             seconds_per_leaf: 0.0,
         });
     }
     let scale = stock.recipe.scale();
-    let extent = shape(stock, scale)?.extent;
+    let extent = shape_with(stock, scale, foretold(stock))?.extent;
     let edges = extent.size() / scale.voxel_size;
     let voxels: f64 = edges.iter().map(|e| e.max(1.0)).product();
     let level = ((voxels / most).log2() / 3.0).ceil().max(0.0) as i32;
-    let finest = sample_at(stock, threads, progress, level)?;
+    let finest = Counts {
+        volume: voxels / 128f64.powi(3),
+        ..sample_at(stock, threads, progress, level)?
+    };
     if level == 0 {
         return Ok(finest);
     }
@@ -186,6 +199,7 @@ fn sample(
         blocks: (finest.blocks * factor).min((voxels / 128f64.powi(3)).max(finest.blocks)),
         leaves_touched: finest.leaves_touched * factor,
         leaves: finest.leaves * factor,
+        most: finest.most * factor,
         active: finest.active * factor,
         // The surface is one, whatever its band.
         points: finest.points * 4f64.powi(level),
@@ -200,13 +214,33 @@ fn sample_at(
     progress: &dyn Progress,
     level: i32,
 ) -> Result<Counts, RunError> {
+    let moves = foretold(stock);
+    let moved = sample_moved(stock, threads, progress, (level, moves))?;
+    if moves == stock.offsets() {
+        return Ok(moved);
+    }
+    let before = sample_moved(stock, threads, progress, (level, stock.offsets()))?;
+    Ok(Counts {
+        blocks: moved.blocks.max(before.blocks),
+        most: moved.leaves.max(before.leaves),
+        ..moved
+    })
+}
+
+/// The same of the field moved by some offsets.
+fn sample_moved(
+    stock: &Stock,
+    threads: &Threads,
+    progress: &dyn Progress,
+    (level, moves): (i32, Offsets),
+) -> Result<Counts, RunError> {
     let scale = stock.recipe.scale();
     let h = scale.voxel_size * 2f64.powi(level);
     let coarse = Scale {
         voxel_size: h,
         ..scale
     };
-    let field = shape(stock, coarse)?;
+    let field = shape_with(stock, coarse, moves)?;
     let transform =
         Transform::new(h).ok_or_else(|| RunError::Empty(format!("a voxel size of {h}")))?;
     let band = Band {
@@ -220,8 +254,10 @@ fn sample_at(
         .map_err(RunError::band("estimate"))?;
     Ok(Counts {
         blocks: found.blocks as f64,
+        volume: f64::INFINITY,
         leaves_touched: found.leaves_touched as f64,
         leaves: found.leaves_kept,
+        most: found.leaves_kept,
         active: found.active_voxels,
         points: found.crossings,
         seconds_per_leaf: found.seconds_per_leaf,
@@ -237,7 +273,7 @@ fn points_of(stock: &Stock, active: f64) -> f64 {
 /// Memory, disk and time from the counts, with the costs of the bridge's tools.
 fn predict(stock: &Stock, threads: &Threads, c: &Counts) -> Estimate {
     let sections = stock.recipe.sections();
-    let tree = c.leaves * LEAF_BYTES;
+    let tree = c.most * LEAF_BYTES;
     let points = c.points;
     let (mut peak, mut left) = (tree, 0.0);
     let mut seconds = c.leaves_touched * c.seconds_per_leaf / threads.count() as f64;

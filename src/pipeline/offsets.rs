@@ -84,6 +84,27 @@ impl Offsets {
     }
 }
 
+/// All that moves the surface, as if it were done on the field: what is left of the solid then, whether or
+/// not its distances hold that far. Operations that do no more than smooth, and all behind a wall, count
+/// as none.
+pub(super) fn foretold(stock: &Stock) -> Offsets {
+    let (ops, scale) = (&stock.recipe.sections().op, stock.recipe.scale());
+    let mut all = stock.offsets();
+    for op in ops.iter().skip(stock.pointwise()) {
+        let one = Offsets::default().with(op, scale);
+        let Some(one) = one.filter(|_| all.half.is_none()) else {
+            continue;
+        };
+        all = Offsets {
+            count: all.count + 1,
+            by: all.by + one.by,
+            half: one.half,
+            exact: true,
+        };
+    }
+    all
+}
+
 /// Which of the first operations after those on fields are done on the field, too; all of them that are
 /// moves are told in the report.
 pub(super) fn offsets(

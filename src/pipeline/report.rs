@@ -131,6 +131,10 @@ pub struct BandReport {
     pub leaves_kept: u64,
     /// At how many points the field was looked at.
     pub voxels_evaluated: u64,
+    /// Elements of the scaffold that came near those leaves, so that their cells were looked
+    /// at; absent without a scaffold, and where bricks were only merged.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub elements_visited: Option<u64>,
     /// How the tiled scaffold's values were found; absent without one, and where bricks were only merged.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub kernel: Option<Kernel>,
@@ -190,7 +194,8 @@ pub struct SolidReport {
     pub filled_voids: u64,
     /// Their volume.
     pub filled_volume: f64,
-    /// First percentile of the diameters of the largest inscribed balls.
+    /// First percentile of the diameters of the largest inscribed balls; in bricks if it is at most 24
+    /// voxels, which is as far as they look.
     pub least_wall: Option<f64>,
     /// Where it was found.
     pub least_wall_place: Option<[f64; 3]>,

@@ -16,7 +16,7 @@ use crate::frame::Vec3;
 use crate::mesh::MeshSolid;
 use crate::progress::{Progress, Threads};
 use crate::recipe::{Boundary, Distance, Op, Operand, Recipe, Scale, SurfaceRef};
-use crate::tiling::{self, Kernel, TiledSolid, TilingOptions};
+use crate::tiling::{self, Kernel, TiledSolid, TilingOptions, Visits};
 use crate::vdb::Session;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -36,6 +36,8 @@ pub(super) struct Stock<'a> {
     offset_reports: Vec<OffsetReport>,
     /// How the tiled scaffold finds its values, once it was asked for.
     kernel: OnceLock<Kernel>,
+    /// The elements that its sampling came near.
+    visits: Visits,
 }
 
 impl<'a> Stock<'a> {
@@ -56,6 +58,7 @@ impl<'a> Stock<'a> {
             offsets: Offsets::default(),
             offset_reports: Vec::new(),
             kernel: OnceLock::new(),
+            visits: Visits::default(),
         };
         threads.install(|| {
             progress.stage("read", None);
@@ -63,6 +66,7 @@ impl<'a> Stock<'a> {
             stock.load_singles(Session::new(threads, progress))?;
             stock.load_tiling(Session::new(threads, progress))
         })?;
+        stock.visits = Visits::new(stock.elements() as usize);
         stock.volumes = Volumes::load(&mut stock.inputs, threads, progress)?;
         stock.inputs.compare_boxes()?;
         (stock.offsets, stock.offset_reports) = offsets::offsets(&stock, threads, progress)?;
@@ -244,12 +248,12 @@ impl<'a> Stock<'a> {
             Filled::One(table) => {
                 let solid = TiledSolid::new(scaffold, table, options).map_err(failed)?;
                 self.kernel.get_or_init(|| solid.kernel());
-                Box::new(solid)
+                Box::new(solid.noting(&self.visits))
             }
             Filled::Many(blend) => {
                 let solid = TiledSolid::owning(scaffold, *blend, options).map_err(failed)?;
                 self.kernel.get_or_init(|| solid.kernel());
-                Box::new(solid)
+                Box::new(solid.noting(&self.visits))
             }
         };
         let bounds = tiling.loaded.scaffold.bounds();
@@ -275,6 +279,16 @@ impl<'a> Stock<'a> {
     /// How the tiled scaffold found its values, if it was asked for any.
     pub fn kernel(&self) -> Option<Kernel> {
         self.kernel.get().copied()
+    }
+
+    /// Forgets which elements were visited: what was looked at before is no part of the run's sampling.
+    pub fn begin_visits(&self) {
+        self.visits.clear();
+    }
+
+    /// How many elements of the tiled scaffold were visited since.
+    pub fn elements_visited(&self) -> Option<u64> {
+        self.kernel().map(|_| self.visits.count())
     }
 
     /// Elements of the scaffold.

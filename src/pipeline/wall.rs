@@ -37,34 +37,87 @@ pub(super) struct Wall {
     pub place: Vec3,
 }
 
+/// What samples of a surface say of its walls.
+#[derive(Debug, Default)]
+pub(super) struct Sampled {
+    walls: Vec<Wall>,
+    /// Samples whose walls are thicker than was looked.
+    thicker: usize,
+}
+
+impl Sampled {
+    /// Adds other samples.
+    pub fn add(&mut self, other: Self) {
+        self.walls.extend(other.walls);
+        self.thicker += other.thicker;
+    }
+
+    /// The first percentile, if it was measured.
+    pub fn least(mut self) -> Option<Wall> {
+        self.walls
+            .sort_by(|a, b| a.thickness.total_cmp(&b.thickness));
+        let place = (self.walls.len() + self.thicker) / 100;
+        self.walls.get(place).copied()
+    }
+}
+
 /// The first percentile of inscribed diameters over the vertices of a closed mesh, `None` where no
 /// ball is inscribed.
 pub(super) fn least_wall(
     mesh: &TriMesh,
     progress: &dyn Progress,
 ) -> Result<Option<Wall>, Cancelled> {
-    let found = balls(mesh, SAMPLES, progress)?;
-    let mut walls: Vec<Wall> = found.into_iter().filter_map(|(_, wall)| wall).collect();
-    walls.sort_by(|a, b| a.thickness.total_cmp(&b.thickness));
-    Ok(walls.get(walls.len() / 100).copied())
+    let found = balls(mesh, &spread(mesh, SAMPLES), widest(mesh), progress)?;
+    let walls = found.into_iter().filter_map(|(_, ball)| ball.inscribed());
+    let sampled = Sampled {
+        walls: walls.collect(),
+        thicker: 0,
+    };
+    Ok(sampled.least())
 }
 
-/// At most so many vertices of a closed mesh, and the balls inscribed there.
+/// The walls at some vertices of a mesh that goes on beyond what matters to balls up to a radius.
+pub(super) fn sampled(
+    mesh: &TriMesh,
+    samples: &[u32],
+    widest: f64,
+    progress: &dyn Progress,
+) -> Result<Sampled, Cancelled> {
+    let found = balls(mesh, samples, widest, progress)?;
+    let thicker = found.iter().filter(|(_, b)| *b == Ball::Wider).count();
+    let walls = found.into_iter().filter_map(|(_, ball)| ball.inscribed());
+    Ok(Sampled {
+        walls: walls.collect(),
+        thicker,
+    })
+}
+
+/// A radius that no ball within a mesh has.
+fn widest(mesh: &TriMesh) -> f64 {
+    mesh.bounds().size().max()
+}
+
+/// At most so many of its vertices.
+fn spread(mesh: &TriMesh, most: usize) -> Vec<u32> {
+    let count = mesh.vertices().len();
+    let stride = count.div_ceil(most).max(1);
+    (0..count as u32).step_by(stride).collect()
+}
+
+/// Vertices of a mesh, and the balls that touch it there.
 fn balls(
     mesh: &TriMesh,
-    most: usize,
+    samples: &[u32],
+    widest: f64,
     progress: &dyn Progress,
-) -> Result<Vec<(Vec3, Option<Wall>)>, Cancelled> {
+) -> Result<Vec<(Vec3, Ball)>, Cancelled> {
     let points = mesh.vertices();
     let outward = mesh.vertex_normals_by_area().into_iter();
     let normals: Vec<Vec3> = outward.map(|n| -n).collect();
     let sites = points.iter().zip(&normals);
     let sites = sites.map(|(&place, &tag)| Site { place, tag });
     let tree = Tree::new(sites.collect());
-    let widest = mesh.bounds().size().max();
     let first = (mesh.area() / mesh.triangles().len().max(1) as f64).sqrt();
-    let stride = points.len().div_ceil(most).max(1);
-    let samples: Vec<usize> = (0..points.len()).step_by(stride).collect();
     progress.stage("walls", Some(samples.len() as u64));
     samples
         .par_iter()
@@ -74,8 +127,8 @@ fn balls(
                 return Err(Cancelled);
             }
             progress.advance(1);
-            let wall = inscribed(points[s], normals[s], &tree, [first, widest]);
-            Ok((points[s], wall))
+            let (point, inward) = (points[s as usize], normals[s as usize]);
+            Ok((point, ball_at(point, inward, &tree, [first, widest])))
         })
         .collect()
 }
@@ -89,9 +142,9 @@ const PLACES: usize = 400_000;
 impl Thickness {
     /// Measures it over a closed mesh.
     pub fn new(mesh: &TriMesh, progress: &dyn Progress) -> Result<Self, Cancelled> {
-        let found = balls(mesh, PLACES, progress)?.into_iter();
-        let sites = found.filter_map(|(place, wall)| {
-            let tag = wall?.thickness as f32;
+        let found = balls(mesh, &spread(mesh, PLACES), widest(mesh), progress)?.into_iter();
+        let sites = found.filter_map(|(place, ball)| {
+            let tag = ball.inscribed()?.thickness as f32;
             Some(Site { place, tag })
         });
         Ok(Self(Sites::new(sites.collect())))
@@ -107,10 +160,30 @@ impl Thickness {
 /// Points of a surface with the normals into the solid.
 type Tree = Sites<Vec3>;
 
+/// What ball touches the surface at a point.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Ball {
+    /// One that is inscribed between opposite contacts.
+    Inscribed(Wall),
+    /// The surface reaches into it.
+    Pierced,
+    /// None up to the radius that was looked for.
+    Wider,
+}
+
+impl Ball {
+    fn inscribed(self) -> Option<Wall> {
+        match self {
+            Self::Inscribed(wall) => Some(wall),
+            Self::Pierced | Self::Wider => None,
+        }
+    }
+}
+
 /// The ball that touches at `p`, with a radius between these two (the second is not looked beyond).
-fn inscribed(p: Vec3, inward: Vec3, tree: &Tree, [first, widest]: [f64; 2]) -> Option<Wall> {
+fn ball_at(p: Vec3, inward: Vec3, tree: &Tree, [first, widest]: [f64; 2]) -> Ball {
     if inward == Vec3::zeros() {
-        return None;
+        return Ball::Pierced;
     }
     let shrunk = |radius: f64| {
         let opposite = |q: &Site<Vec3>| {
@@ -124,11 +197,11 @@ fn inscribed(p: Vec3, inward: Vec3, tree: &Tree, [first, widest]: [f64; 2]) -> O
         let d = q.place - p;
         Some(d.norm_squared() / (2.0 * d.dot(&inward)))
     };
-    let mut start = first;
+    let mut start = first.min(widest);
     let mut radius = loop {
         match shrunk(start) {
             Some(radius) => break radius,
-            None if start >= widest => return None,
+            None if start >= widest => return Ball::Wider,
             None => start = (2.0 * start).min(widest),
         }
     };
@@ -140,8 +213,10 @@ fn inscribed(p: Vec3, inward: Vec3, tree: &Tree, [first, widest]: [f64; 2]) -> O
     }
     let place = p + inward * radius;
     let reach = radius * (1.0 - DEPTH);
-    let pierced = tree.nearest_within(place, reach, |_| true).is_some();
-    (!pierced).then_some(Wall {
+    if tree.nearest_within(place, reach, |_| true).is_some() {
+        return Ball::Pierced;
+    }
+    Ball::Inscribed(Wall {
         thickness: 2.0 * radius,
         place,
     })

@@ -10,7 +10,7 @@
 //! by no more than [`TOLERANCE`], it is. That is tried out on leaves spread over a period.
 
 use super::patch::Patch;
-use super::{Boundary, Distance, TilingOptions};
+use super::{Boundary, Distance, TilingOptions, Visits};
 use crate::cell::Products;
 use crate::field::{Interval, SampleLattice};
 use crate::frame::{Aabb, CellPoint, Element, Vec3, WorldPoint};
@@ -137,6 +137,11 @@ impl Aligned {
             rows,
             out,
         });
+    }
+
+    /// Notes the hexes that a box meets.
+    pub fn note(&self, region: &Aabb, visits: &Visits) {
+        self.periods.for_each_hex(region, |n| visits.enter(n));
     }
 
     fn is_cut(&self) -> bool {

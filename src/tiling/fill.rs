@@ -1,7 +1,7 @@
 //! The tiling's values in bulk: what can be decided for small boxes is not asked of samples.
 
 use super::batch::{Batch, Target};
-use super::near::{Known, Local};
+use super::near::{Known, Local, Near};
 use super::{Distance, Filling, TiledSolid};
 use crate::field::{Field, Point, SampleLattice};
 use crate::frame::{Aabb, Vec3, WorldPoint};
@@ -29,6 +29,9 @@ impl<F: Filling> TiledSolid<'_, F> {
     pub(super) fn fill_all(&self, lattice: &SampleLattice<WorldPoint>, out: &mut [f32]) -> u64 {
         let w = self.options.half_width;
         if !self.is_cut() && self.components.len() > 1 {
+            for component in 0..self.components.len() {
+                self.note(&self.near(component, &lattice.span(), self.margin()));
+            }
             for (n, v) in out.iter_mut().enumerate() {
                 *v = self.value(lattice.point(n)) as f32;
             }
@@ -66,6 +69,13 @@ impl<F: Filling> TiledSolid<'_, F> {
         looked
     }
 
+    /// Notes elements as visited, where that is wanted.
+    fn note(&self, near: &Near) {
+        if let Some(visits) = self.visits {
+            near.patches.iter().for_each(|&e| visits.enter(e as usize));
+        }
+    }
+
     /// Values of one component, its boundary included.
     fn fill_one(
         &self,
@@ -84,6 +94,7 @@ impl<F: Filling> TiledSolid<'_, F> {
         }
         let reached = span.dilated(self.reach(whole_depth.hi));
         let wide = self.near(component, &reached, self.margin());
+        self.note(&wide);
         let mut local = Local::rough();
         for part in parts(lattice) {
             let region = part.span(lattice);

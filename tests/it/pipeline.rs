@@ -209,6 +209,36 @@ fn the_report_says_how_values_were_found() {
 }
 
 #[test]
+fn elements_far_from_the_solid_are_not_visited() {
+    let row = "druse = 1\n[cell.c]\nCELL\n[scaffold]\nbox = { size = [60, 10, 10], cell_size = 10 }\n[tiling]\ncell = \"c\"\n[band]\nvoxel_size = 0.4\n";
+    for cell in [
+        "surface = \"schwarz_p\"",
+        "graph = \"axes\"\nvolume_fraction = 0.2",
+    ] {
+        let row = row.replace("CELL", cell);
+        let all = report(&row).band;
+        assert_eq!(all.elements_visited, Some(6));
+        // The third of six elements is cut; the band reaches 1.2 mm beyond the cut, leaves up to 3.2 mm.
+        let cut = format!(
+            "{row}[[op]]\nintersect = {{ box = {{ centre = [8, 5, 5], size = [28, 20, 20] }} }}\n"
+        );
+        for bricks in [None, Some(1)] {
+            let options = RunOptions {
+                bricks,
+                out: Some(tempfile::tempdir().unwrap().path().to_owned()),
+                ..RunOptions::default()
+            };
+            let part = run(&recipe(&cut), &options, &Silent).unwrap().band;
+            assert_eq!(part.elements_visited, Some(3), "{cell}");
+            assert!(part.voxels_evaluated < all.voxels_evaluated);
+        }
+    }
+    let solid =
+        "druse = 1\n[band]\nvoxel_size = 0.5\n[[op]]\nunion = { box = { size = [5, 5, 5] } }\n";
+    assert_eq!(report(solid).band.elements_visited, None);
+}
+
+#[test]
 fn the_quickstarts_part_is_one_piece_before_any_is_dropped() {
     if std::env::var_os("DRUSE_FULL").is_none() {
         return;
@@ -260,6 +290,9 @@ fn an_estimate_is_within_a_fifth() {
     for text in [
         STRUTS.to_owned(),
         "druse = 1\n[band]\nvoxel_size = 0.1\n[[op]]\nunion = { sphere = { radius = 5 } }\n".into(),
+        // The plate goes, the block stays.
+        "druse = 1\n[band]\nvoxel_size = 0.2\n[[op]]\nunion = { box = { size = [40, 40, 1.2] } }\n[[op]]\nunion = { box = { size = [12, 12, 12] } }\n[[op]]\nmean = 1\n[[op]]\nerode = 1.5\n".into(),
+        format!("{STRUTS}[[op]]\nmean = 1\n[[op]]\ndilate = 0.4\n"),
     ] {
         let recipe = recipe(&text);
         let estimate = plan(&recipe, &RunOptions::default(), &Silent).unwrap();

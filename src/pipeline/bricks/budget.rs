@@ -10,15 +10,20 @@ use std::path::Path;
 /// Largest edge of a brick that is chosen, blocks.
 const LARGEST: u32 = 8;
 /// Memory beside the bricks: reading ahead, buffers of files, what the allocator keeps.
-const ASIDE: f64 = (64u64 << 20) as f64;
-/// Memory of a thread that samples: far more than two stretches of leaves, for what fields keep.
-const PER_THREAD: f64 = (24u64 << 20) as f64;
+const ASIDE: f64 = (32u64 << 20) as f64;
+/// Memory of a thread: while pieces are labelled the leaves of a full block, 8.4 MB, and what goes with
+/// them (12 MiB were found); two stretches of leaves while it samples are less.
+const PER_THREAD: f64 = (14u64 << 20) as f64;
+/// Memory of a point while a brick is meshed; 73 to 79 bytes were found.
+const PER_POINT: f64 = 90.0;
 /// Memory that a block on disk keeps.
 const PER_BLOCK: f64 = 1300.0;
 /// Memory of a leaf while pieces are chosen.
 const PER_LABEL: f64 = 12.0;
 /// A brick may hold so much more than the mean.
 const CROWDED: f64 = 2.0;
+/// All leaves may be so many more than were foretold.
+const MORE: f64 = 1.2;
 /// Leaves of a full block.
 const FULL: f64 = 4096.0;
 
@@ -34,19 +39,22 @@ pub(crate) fn needs(
         + ASIDE
         + PER_THREAD * threads.count() as f64
         + PER_BLOCK * counts.blocks;
-    let density = (CROWDED * counts.leaves / counts.blocks.max(1.0)).min(FULL);
-    let leaves = |halo: f64| density * (f64::from(edge) + 2.0 * halo / 128.0).powi(3);
+    // Blocks at the sides of a box may hold next to nothing.
+    let blocks = counts.blocks.min(counts.volume).max(1.0);
+    let density = (CROWDED * counts.most / blocks).min(FULL);
+    let most = MORE * counts.most;
+    let leaves = |halo: f64| (density * (f64::from(edge) + 2.0 * halo / 128.0).powi(3)).min(most);
     let operated = if halo > 0 {
         leaves(f64::from(halo)) * LEAF_BYTES * (1.0 + copies(stock))
     } else {
         0.0
     };
-    // Meshing: the leaves with a layer around them, and 125 bytes a point.
+    // Meshing: the leaves with a layer around them, and their points.
     let points = 0.25 * counts.active / counts.leaves.max(1.0);
-    let meshed = leaves(8.0) * (LEAF_BYTES + 125.0 * points);
+    let meshed = leaves(8.0) * (LEAF_BYTES + PER_POINT * points);
     // Of the leaves while pieces are chosen; a part of the solid under the rays of a picture.
     let chosen = if halo > 0 {
-        PER_LABEL * counts.leaves
+        PER_LABEL * counts.most
     } else {
         0.0
     };
@@ -59,23 +67,32 @@ pub(crate) fn needs(
     (base + chosen + operated.max(meshed).max(seen)) as u64
 }
 
-/// The greatest edge of bricks, in blocks, that a budget has room for.
+/// The greatest edge of bricks, in blocks, that a budget has room for, or the one that is asked for.
 ///
 /// # Errors
-/// The least memory that would do.
+/// The least memory that would do, and which bricks would fit if others were asked for.
 pub(crate) fn edge_that_fits(
     stock: &Stock,
     threads: &Threads,
     counts: &Counts,
     halo: i32,
-    budget: u64,
+    (budget, asked): (u64, Option<u32>),
 ) -> Result<u32, RunError> {
     let cost = |edge: u32| needs(stock, threads, counts, halo, edge);
-    let fits = (1..=LARGEST).rev().find(|&edge| cost(edge) <= budget);
-    fits.ok_or_else(|| RunError::Budget {
-        least: cost(1),
-        budget,
-    })
+    let fits = |most: u32| (1..=most).rev().find(|&edge| cost(edge) <= budget);
+    match asked {
+        Some(edge) if cost(edge) <= budget => Ok(edge),
+        Some(edge) => Err(RunError::BrickSize {
+            edge,
+            needed: cost(edge),
+            budget,
+            fitting: fits(edge.min(LARGEST)),
+        }),
+        None => fits(LARGEST).ok_or_else(|| RunError::Budget {
+            least: cost(1),
+            budget,
+        }),
+    }
 }
 
 /// Bytes of the leaf files.

@@ -100,7 +100,7 @@ pub fn merge_bricks(
     let files = estimate::disk(&stock, &threads, yard.plan.leaf_bytes);
     let place = outputs.files.first().map(|(_, path)| path.parent());
     check_disk(place.flatten().unwrap_or(Path::new(".")), later + files)?;
-    let made = gather(&yard, Some(path), &outputs, &mut clock);
+    let made = gather(&yard, Some(path), (&outputs, options.brief), &mut clock);
     let mut parts = made.map_err(|e| yard.stopped(e))?;
     if let Some(bricks) = &mut parts.bricks {
         bricks.found_whole = bricks.count;

@@ -6,6 +6,7 @@ use super::super::report::{BandReport, BricksReport, OutputFile, SolidReport};
 use super::super::{Clock, Parts, Targets, output};
 use super::Yard;
 use super::measure::{MeshOut, measure, picture};
+use super::walls::least_wall;
 use crate::band::LeafStore;
 use crate::io::MeshStream;
 use crate::io::atomic::StagedPath;
@@ -14,11 +15,11 @@ use crate::vdb::{LevelSet, stored_components};
 use std::path::Path;
 
 /// Opens all bricks, measures the solid and writes the outputs. `plan` is the plan's file, where the
-/// bricks were made one by one.
+/// bricks were made one by one; walls are measured unless it shall be brief.
 pub(super) fn gather(
     yard: &Yard,
     plan: Option<&Path>,
-    targets: &Targets,
+    (targets, is_brief): (&Targets, bool),
     clock: &mut Clock,
 ) -> Result<Parts, RunError> {
     let count = yard.plan.bricks.len();
@@ -41,6 +42,13 @@ pub(super) fn gather(
         mesh.file.commit()?;
     }
     clock.lap("mesh")?;
+    let wall = if is_brief {
+        None
+    } else {
+        let wall = least_wall(yard, &store)?;
+        clock.lap("walls")?;
+        wall
+    };
     let mut outputs = Vec::new();
     for (output, path) in &targets.files {
         if output.picture.is_some() {
@@ -77,6 +85,8 @@ pub(super) fn gather(
             volume_fraction_asked: asked,
             volume_fraction_cell: cell,
             components: pieces.len() as u64,
+            least_wall: wall.map(|w| w.thickness),
+            least_wall_place: wall.map(|w| w.place.into()),
             ..solid
         },
         bricks: Some(BricksReport {

@@ -131,11 +131,6 @@ pub(crate) fn refusal(recipe: &Recipe) -> Option<String> {
             ),
             _ => None,
         };
-        let why = why.or_else(|| {
-            op.mask().map(|_| {
-                "has a mask, between whose bricks values would differ in the last bits; leave it out, and druse filter the written file with it"
-            })
-        });
         if let Some(why) = why {
             return Some(format!("op.{n}.{} {why}", op.name()));
         }

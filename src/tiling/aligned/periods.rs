@@ -28,6 +28,23 @@ pub(super) struct Rows {
 }
 
 impl Periods {
+    /// The hexes that a box meets, numbered from the least corner, z fastest.
+    pub fn for_each_hex(&self, region: &Aabb, mut found: impl FnMut(usize)) {
+        let counts = self.room.size().component_mul(&self.rate);
+        let counts = [0, 1, 2].map(|a| counts[a].round() as usize);
+        let along = |axis: usize| {
+            let place = |x: f64| (x - self.room.min[axis]) * self.rate[axis];
+            // Negative places are those of the first hex, if the box reaches it at all.
+            let (first, end) = (place(region.min[axis]), place(region.max[axis]));
+            first.max(0.0) as usize..counts[axis].min((end + 1.0).max(0.0) as usize)
+        };
+        let [x, y, z] = [0, 1, 2].map(along);
+        for (i, j) in x.flat_map(|i| y.clone().map(move |j| (i, j))) {
+            let row = (i * counts[1] + j) * counts[2];
+            z.clone().for_each(|k| found(row + k));
+        }
+    }
+
     /// Parts of a period at so many steps from a row's origin along an axis.
     #[inline(always)]
     pub fn parts<L: Lanes>(&self, l: L, axis: usize, rows: &Rows, steps: &[f64; 8]) -> [f32; 8] {

@@ -123,7 +123,7 @@ fn operations_see_as_far_as_they_reach() {
 }
 
 #[test]
-fn other_meshes_act_in_bricks_and_masks_are_refused() {
+fn other_meshes_and_masks_act_in_bricks() {
     let directory = tempfile::tempdir().unwrap();
     let fog = "[[output]]\nvdb = \"fog.vdb\"\ngrids = [\"density\"]\nunit = \"mm\"\n[[output]]\nmesh = \"a.stl\"\n";
     let text = format!("{}{fog}", SOLID.replace("radius = 7", "radius = 6"));
@@ -139,12 +139,42 @@ fn other_meshes_act_in_bricks_and_masks_are_refused() {
     let one = run(&recipe, &options(&out, None, 2), &Silent).unwrap();
     let two = run(&recipe, &options(&out, Some(1), 2), &Silent).unwrap();
     assert_eq!(hashes(&one), hashes(&two));
-    let masked = super::runs::recipe(&format!("[[op]]\nmean = {{ width = 1, {mask} }}\n"));
-    let error = run(&masked, &options(&out, Some(1), 2), &Silent).unwrap_err();
-    assert!(
-        error.to_string().contains("op.2.mean has a mask"),
-        "{error}"
-    );
+    let masked = super::runs::recipe(&format!(
+        "[[op]]\nmean = {{ width = 1, {mask} }}\n[[op]]\nerode = {{ distance = 0.5, {mask} }}\n"
+    ));
+    let plain = super::runs::recipe("[[op]]\nmean = 1\n[[op]]\nerode = 0.5\n");
+    let one = run(&masked, &options(&out, None, 2), &Silent).unwrap();
+    for (bricks, threads) in [(1, 2), (2, 1)] {
+        let two = run(&masked, &options(&out, Some(bricks), threads), &Silent).unwrap();
+        assert_eq!(hashes(&one), hashes(&two));
+    }
+    let all = run(&plain, &options(&out, Some(2), 2), &Silent).unwrap();
+    assert_ne!(hashes(&one), hashes(&all), "the mask lets nothing pass");
+}
+
+#[test]
+fn walls_in_bricks_are_as_thin_as_in_memory() {
+    let directory = tempfile::tempdir().unwrap();
+    // A plate of six voxels under a block of fifty, across eight blocks.
+    let text = "druse = 1\nunit = \"mm\"\n[band]\nvoxel_size = 0.2\n[[op]]\nunion = { box = { centre = [0.3, 0.1, 0], size = [40, 40, 1.2] } }\n[[op]]\nunion = { box = { centre = [0, 0, 5], size = [10, 10, 10] } }\n";
+    let report = |text: &str, bricks| {
+        let recipe = Recipe::parse(text, &[]).unwrap();
+        let options = RunOptions {
+            brief: false,
+            ..options(directory.path(), bricks, 2)
+        };
+        run(&recipe, &options, &Silent).unwrap().solid
+    };
+    let whole = report(text, None).least_wall.unwrap();
+    let [one, two] = [1, 2].map(|bricks| report(text, Some(bricks)));
+    assert!((whole / 1.2 - 1.0).abs() < 0.02, "{whole}");
+    let wall = one.least_wall.unwrap();
+    assert!((wall / whole - 1.0).abs() < 0.02, "{wall} and {whole}");
+    assert_eq!(one.least_wall, two.least_wall);
+    assert_eq!(one.least_wall_place, two.least_wall_place);
+    // Nothing is said of walls thicker than is looked.
+    let ball = "druse = 1\n[band]\nvoxel_size = 0.2\n[[op]]\nunion = { sphere = { radius = 6 } }\n";
+    assert_eq!(report(ball, Some(1)).least_wall, None);
 }
 
 #[test]
@@ -250,6 +280,12 @@ fn what_cannot_go_through_bricks_says_why() {
     };
     refused("[[op]]\nresample = { voxel_size = 0.3 }\n", "op.2.resample");
     refused("[[output]]\nmesh = \"b.obj\"\nquads = true\n", "b.obj");
+    let wide = RunOptions {
+        memory: Some(32 << 20),
+        ..options(directory.path(), Some(2), 1)
+    };
+    let error = run(&recipe(""), &wide, &Silent).unwrap_err().to_string();
+    assert!(error.contains("--bricks 2"), "{error}");
     let tight = RunOptions {
         memory: Some(32 << 20),
         ..options(directory.path(), None, 1)

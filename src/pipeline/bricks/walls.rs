@@ -1,0 +1,89 @@
+//! The least wall of a solid in bricks: measured in cubes spread over it, each with the surface around.
+
+use super::super::error::RunError;
+use super::super::operate::Bench;
+use super::super::wall::{self, Sampled, Wall};
+use super::later::part;
+use super::{Quiet, Yard};
+use crate::band::{LeafStore, Region};
+use crate::frame::{Coord, Vec3};
+use crate::mesh::TriMesh;
+
+/// Edge of a cube, voxels. With what is around it has as many leaves as a block.
+const EDGE: i32 = 64;
+/// Voxels around a cube in which opposite sides of a wall are looked for: the diameter of the thickest
+/// wall that is measured.
+const REACH: i32 = 24;
+/// Voxels beyond, so that leaves at the rim have their neighbours.
+const RIM: i32 = 8;
+/// Cubes that are looked into at most: all of a solid that fills no more.
+const CUBES: usize = 256;
+/// Samples that are wanted.
+const SAMPLES: f64 = 20_000.0;
+
+/// The first percentile of inscribed diameters over the surface; `None` where no ball is inscribed, or
+/// where that wall is thicker than [`REACH`] voxels. It does not depend on the bricks.
+pub(super) fn least_wall(yard: &Yard, store: &LeafStore) -> Result<Option<Wall>, RunError> {
+    let cubes: Vec<Region> = store.blocks().flat_map(cubes_of).collect();
+    let stride = cubes.len().div_ceil(CUBES).max(1);
+    let chosen: Vec<Region> = cubes.iter().step_by(stride).copied().collect();
+    yard.progress.stage("walls", Some(chosen.len() as u64));
+    // A unit of area crosses 1.5 edges of voxels in the mean, and has a band of both half widths.
+    let half_width = yard.stock.recipe.sections().band.half_width.0;
+    let points = 1.5 * store.active_voxels() as f64 / (2.0 * half_width * stride as f64);
+    let each = (points / SAMPLES).ceil().max(1.0) as usize;
+    let mut sampled = Sampled::default();
+    for cube in chosen {
+        sampled.add(cube_walls(yard, store, cube, each)?);
+        yard.progress.advance(1);
+    }
+    Ok(sampled.least())
+}
+
+/// The eight cubes of a block.
+fn cubes_of(block: Coord) -> impl Iterator<Item = Region> {
+    (0..8).map(move |n| {
+        let at = |shift: u32| (n >> shift & 1) * EDGE;
+        Region::cube(block.offset(at(2), at(1), at(0)), EDGE)
+    })
+}
+
+/// The walls at every `each`-th vertex in a cube.
+fn cube_walls(
+    yard: &Yard,
+    store: &LeafStore,
+    cube: Region,
+    each: usize,
+) -> Result<Sampled, RunError> {
+    let quiet = Quiet(yard.progress);
+    let bench = Bench::new(yard.stock.recipe, yard.threads, &quiet);
+    let failed = RunError::level_set("walls");
+    let h = bench.scale.voxel_size;
+    let around = cube.grown(REACH);
+    let solid = part(bench, store, around.grown(RIM), Coord([0; 3]))?;
+    let far = h * f64::from(
+        around
+            .max
+            .0
+            .iter()
+            .chain(&around.min.0)
+            .map(|c| c.abs())
+            .max()
+            .unwrap_or(0),
+    );
+    let patch = solid.patch(around, far, bench.session()).map_err(&failed)?;
+    let mesh = TriMesh::new(patch.vertices, patch.triangles).map_err(|e| failed(e.into()))?;
+    let is_within = |p: &Vec3| {
+        let voxel = p.map(|c| (c / h).floor() as i32);
+        cube.meets(Coord(voxel.into()), 1)
+    };
+    let own = mesh.vertices().iter().enumerate();
+    let own = own.filter(|(_, p)| is_within(p)).map(|(n, _)| n as u32);
+    let samples: Vec<u32> = own.step_by(each).collect();
+    if samples.is_empty() {
+        return Ok(Sampled::default());
+    }
+    let widest = h * f64::from(REACH) / 2.0;
+    let measure = || wall::sampled(&mesh, &samples, widest, &quiet);
+    Ok(yard.threads.install(measure)?)
+}
