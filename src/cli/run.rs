@@ -95,7 +95,8 @@ fn make_bricks(p: &Parameters, is_plan: bool, session: &Session) -> Result<Answe
 /// What a run or a merge says at its end.
 pub(super) fn reported(report: &Report, session: &Session) -> Answer {
     session.finish();
-    for input in &report.inputs {
+    // Of masks no box is known.
+    for input in report.inputs.iter().filter(|i| !i.bounds.is_empty()) {
         let [a, b] =
             [input.bounds.min, input.bounds.max].map(|v| v.map(|c| (c * 1e4).round() / 1e4));
         session.note(&format!(
