@@ -78,7 +78,7 @@ pub use form::{Form, Node};
 pub use hybrid::Join;
 pub use icosahedral::{Icosahedral, lifted};
 pub use pairing::{default_group, groups, lattices, operators_of, rank, symmetry};
-pub use products::{Along, FUNCTIONS, Products};
+pub use products::{Along, Column, FUNCTIONS, Products};
 pub use series::{Coefficient, Series};
 pub use solid::Solid;
 pub use source::{

@@ -23,7 +23,7 @@
 //! cell's table rounds to `f32` it rounds alike in all elements.
 
 use crate::cell::Table;
-use crate::field::{Field, Interval, SampleLattice, signs_of_values};
+use crate::field::{Field, Interval, Leaves, SampleLattice, signs_of_values};
 use crate::frame::{Aabb, CellPoint, Vec3, WorldPoint};
 use crate::mesh::MeshSolid;
 use crate::scaffold::Scaffold;
@@ -61,6 +61,7 @@ pub use visits::Visits;
 
 use near::{Known, Local};
 use patch::{Patch, Search};
+use source::Held;
 
 /// How distances are measured across element faces.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -212,22 +213,6 @@ pub struct TiledSolid<'a, F: Filling = Table> {
     aligned: Option<aligned::Aligned>,
     /// Where the elements are noted that bulk evaluation comes near.
     visits: Option<&'a Visits>,
-}
-
-/// A filling that somebody else owns, or the tiling itself.
-enum Held<'a, F> {
-    Borrowed(&'a F),
-    Owned(Box<F>),
-}
-
-impl<F> std::ops::Deref for Held<'_, F> {
-    type Target = F;
-    fn deref(&self) -> &F {
-        match self {
-            Self::Borrowed(f) => f,
-            Self::Owned(f) => f,
-        }
-    }
 }
 
 /// Chordal error of the boundary's triangles on curved faces, in voxels.
@@ -485,6 +470,19 @@ impl<F: Filling> Field for TiledSolid<'_, F> {
             }
             None => self.fill_all(lattice, out),
         }
+    }
+
+    fn fill_leaves(&self, leaves: &mut Leaves<'_, WorldPoint>) -> Option<u64> {
+        let aligned = self.aligned.as_ref()?;
+        if let Some(visits) = self.visits {
+            aligned.note_leaves(leaves, self.delta(), visits);
+        }
+        aligned.fill_leaves(leaves)
+    }
+
+    fn sides(&self, first: WorldPoint, step: f64, background: f64) -> Option<[u64; 2]> {
+        let aligned = self.aligned.as_ref()?;
+        Some(aligned.sides(first.0, step, background))
     }
 
     fn signs(&self, lattice: &SampleLattice<WorldPoint>, rows: &mut [u64]) -> u64 {

@@ -3,6 +3,7 @@
 #![allow(clippy::inline_always)]
 
 use super::VOXELS;
+use crate::field::LeafBits;
 use crate::lanes::{Lanes, Work, run};
 
 /// Samples of a leaf and the layer around it along one axis.
@@ -17,23 +18,10 @@ pub(super) struct Neighbourhood {
     known: [[u64; 9]; SPAN],
 }
 
-/// What the values of a leaf say, one bit per voxel in the mask's layout.
-#[derive(Clone, Copy, Default)]
-pub(super) struct Bits {
-    /// Where the value is negative.
-    pub negative: [u64; 8],
-    /// Where it is nearer to zero than the background.
-    pub within: [u64; 8],
-    /// Whether all values are finite.
-    pub finite: bool,
-}
-
-impl Bits {
-    /// Of the values of a leaf, which are clamped to the background on the way: inactive ones lie beyond
-    /// it.
-    pub fn of(values: &mut [f32; VOXELS], background: f32) -> Self {
-        run(Look { values, background })
-    }
+/// What the values of a leaf say, which are clamped to the background on the way: inactive ones lie beyond
+/// it.
+pub(super) fn look_at(values: &mut [f32; VOXELS], background: f32) -> LeafBits {
+    run(Look { values, background })
 }
 
 struct Look<'a> {
@@ -42,14 +30,14 @@ struct Look<'a> {
 }
 
 impl Work for Look<'_> {
-    type Output = Bits;
+    type Output = LeafBits;
     // No closures: they would be compiled for any processor.
     #[inline(always)]
-    fn run<L: Lanes>(self, l: L) -> Bits {
+    fn run<L: Lanes>(self, l: L) -> LeafBits {
         let (zero, background) = (l.splat(0.0), l.splat(self.background));
         let minus = l.splat(-self.background);
         let endless = l.splat(f32::INFINITY);
-        let mut bits = Bits::default();
+        let mut bits = LeafBits::default();
         let mut finite = u8::MAX;
         for (n, row) in self.values.as_chunks_mut().0.iter_mut().enumerate() {
             let v = l.load(row);

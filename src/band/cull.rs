@@ -4,6 +4,10 @@ use super::{BLOCK, Band, BandError, LEAF, Region};
 use crate::field::{Interval, WorldField};
 use crate::frame::{Aabb, Coord, Transform};
 
+/// Edge of the cubes whose leaves' sides are asked for at once.
+const CUBE: i32 = 4 * LEAF;
+/// Leaves along a block's edge.
+const EDGE: i32 = BLOCK / LEAF;
 /// The range of voxel indices in use; leaves room for neighbours and for doubling a cube.
 const LARGEST_INDEX: f64 = (1 << 29) as f64;
 
@@ -153,6 +157,7 @@ impl<'a> Culler<'a> {
             Side::Outside => return,
             Side::Inside if edge <= BLOCK => return sieve.inside.push((origin, edge)),
             Side::Unknown if edge == smallest => return sieve.unknown.push(origin),
+            Side::Unknown if edge == CUBE && smallest == LEAF && self.part(origin, sieve) => return,
             _ => {}
         }
         let half = edge / 2;
@@ -162,6 +167,47 @@ impl<'a> Culler<'a> {
             let side = sides.map_or_else(|| self.side(origin, half), |s| s[n]);
             self.halve(origin, half, side, smallest, sieve);
         }
+    }
+
+    /// Parts the leaves of a cube, if the field knows their sides at once; whether it does.
+    fn part(&self, origin: Coord, sieve: &mut Sieve) -> bool {
+        let first = self.transform.world(origin);
+        let h = self.transform.voxel_size();
+        let Some([inside, outside]) = self.field.sides(first, h, self.background) else {
+            return false;
+        };
+        for half in 0..8 {
+            let half_origin = part(origin, CUBE / 2, half);
+            // Of this half's leaves; of the leaf (x, y, z) bit 16 x + 4 y + z.
+            let first = 32 * (half >> 2) + 8 * (half >> 1 & 1) + 2 * (half & 1);
+            let all = 0x0033_0033u64 << first;
+            if outside & all == all {
+                continue;
+            }
+            if inside & all == all && self.holds(half_origin, CUBE / 2) {
+                sieve.inside.push((half_origin, CUBE / 2));
+                continue;
+            }
+            for n in 0..8 {
+                let bit = 1u64 << (first + 16 * (n >> 2) + 4 * (n >> 1 & 1) + (n & 1));
+                let leaf = part(half_origin, LEAF, n);
+                if outside & bit != 0 || !self.meets(leaf, LEAF) {
+                    continue;
+                }
+                if inside & bit == 0 {
+                    sieve.unknown.push(leaf);
+                } else {
+                    sieve.inside.push((leaf, LEAF));
+                }
+            }
+        }
+        true
+    }
+
+    /// Whether all leaves of a cube are of interest.
+    fn holds(&self, origin: Coord, edge: i32) -> bool {
+        let last = origin.offset(edge - LEAF, edge - LEAF, edge - LEAF);
+        self.meets(origin, LEAF) && self.meets(last, LEAF)
     }
 
     /// Blocks that may hold active voxels, and those that lie inside.
@@ -193,7 +239,20 @@ impl<'a> Culler<'a> {
         let mut sieve = Sieve::default();
         let side = self.side(block, BLOCK);
         self.halve(block, BLOCK, side, LEAF, &mut sieve);
-        sieve.unknown.sort_unstable();
+        // A mark for each leaf found sorts them.
+        let mut marks = [0u16; (EDGE * EDGE) as usize];
+        for leaf in sieve.unknown.drain(..) {
+            let [x, y, z] = [0, 1, 2].map(|a| (leaf[a] - block[a]) / LEAF);
+            marks[(x * EDGE + y) as usize] |= 1 << z;
+        }
+        for (row, mut marks) in (0..).zip(marks) {
+            while marks != 0 {
+                let z = marks.trailing_zeros() as i32;
+                marks &= marks - 1;
+                let leaf = block.offset(row / EDGE * LEAF, row % EDGE * LEAF, z * LEAF);
+                sieve.unknown.push(leaf);
+            }
+        }
         sieve
     }
 }

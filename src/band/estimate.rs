@@ -1,10 +1,11 @@
 //! Prediction of a band's size from culling and a sample of its leaves.
 
-use super::activate::{Bits, Neighbourhood};
+use super::activate::Neighbourhood;
 use super::cull::Culler;
 use super::evaluate::leaf_values;
 use super::leaf::count;
 use super::{Band, BandError, Region, VOXELS};
+use crate::field::LeafBits;
 use crate::frame::{Coord, WorldPoint};
 use crate::progress::{Cancelled, Progress, Threads};
 use rayon::prelude::*;
@@ -196,7 +197,7 @@ fn crossings(negative: &[u64; 8]) -> u64 {
 }
 
 /// Active voxels of a leaf by itself: changes of sign to its neighbours are not looked for.
-fn active_voxels(bits: &Bits) -> u64 {
+fn active_voxels(bits: &LeafBits) -> u64 {
     let mut alone = Neighbourhood::default();
     alone.enter_leaf([1; 3], &bits.negative);
     let mut mask = bits.within;

@@ -1,16 +1,17 @@
 //! Evaluation by blocks.
 
-use super::activate::{Bits, Neighbourhood, SPAN};
+use super::activate::{Neighbourhood, SPAN, look_at};
 use super::cull::Culler;
-use super::{BLOCK, Band, BandError, BandStats, LEAF, LeafBatch, LeafSink, Region, VOXELS, pool};
-use crate::field::SampleLattice;
-use crate::frame::{Aabb, Coord};
+use super::pool::{self, Signs};
+use super::{BLOCK, Band, BandError, BandStats, LEAF, LeafBatch, LeafSink, Region, VOXELS};
+use crate::field::{LeafBits, Leaves, SampleLattice};
+use crate::frame::{Aabb, Coord, Vec3, WorldPoint};
 use crate::progress::{Cancelled, Progress, Threads};
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Leaves evaluated between two looks at whether the user asked to stop.
-const GROUP: usize = 16;
+/// Leaves evaluated at once, between two looks at whether the user asked to stop.
+const GROUP: usize = 32;
 /// Most leaves in a batch.
 const BATCH: usize = 256;
 /// Leaves along a block's edge.
@@ -77,7 +78,8 @@ impl Band<'_> {
 /// One block: cull, then evaluate, activate and deliver its leaves by the stretch.
 ///
 /// What a leaf's mask takes of its neighbours are signs, so that values are kept of two stretches at a
-/// time: of the one to be delivered, and of the next one, whose signs it waits for.
+/// time: of the one to be delivered, and of the next one, whose signs it waits for. A stretch whose
+/// leaves are settled waits for nothing, and its values are still in the cache when they are read.
 fn block(
     culler: &Culler,
     origin: Coord,
@@ -99,15 +101,15 @@ fn block(
             return Err(Cancelled.into());
         }
         let last = block.stretch(first);
-        let next = if first < last {
+        let mut next = None;
+        if first < last {
             let (stretch, looked) = block.evaluate(first..last, progress)?;
             stats.voxels_evaluated += looked;
-            Some(stretch)
-        } else {
-            None
-        };
+            next = Some(stretch);
+        }
         first = last;
-        if let Some(stretch) = std::mem::replace(&mut waiting, next) {
+        let settled = next.take_if(|stretch| stretch.is_settled);
+        for stretch in [waiting.take(), settled].into_iter().flatten() {
             let (batch, looked) = block.choose(stretch, &mut inside);
             stats.voxels_evaluated += looked;
             stats.leaves_kept += batch.len() as u64;
@@ -117,8 +119,10 @@ fn block(
             }
             pool::give_batch(batch);
         }
+        waiting = next;
     }
     sink.inside(&inside);
+    pool::give_signs(block.signs);
     Ok(stats)
 }
 
@@ -131,30 +135,66 @@ pub(super) fn leaf_values(
     culler: &Culler,
     origin: Coord,
     values: &mut [f32; VOXELS],
-) -> Result<(Bits, u64), BandError> {
-    let lattice = SampleLattice {
-        origin: culler.transform.world(origin),
-        step: culler.transform.voxel_size(),
-        counts: [LEAF as usize; 3],
-    };
-    let looked = culler.field.fill_counting(&lattice, values);
-    let bits = Bits::of(values, culler.background as f32);
-    if bits.finite {
-        return Ok((bits, looked));
-    }
-    let n = values.iter().position(|v| !v.is_finite()).unwrap_or(0);
-    let voxel = origin.offset((n >> 6) as i32, (n >> 3 & 7) as i32, (n & 7) as i32);
-    Err(BandError::NotFinite {
-        value: values[n],
-        voxel,
-        place: culler.transform.world(voxel),
-    })
+) -> Result<(LeafBits, u64), BandError> {
+    let mut bits = [LeafBits::default()];
+    let values = std::slice::from_mut(values);
+    let looked = group_values(culler, &[origin], values, &mut bits)?;
+    Ok((bits[0], looked))
 }
 
-/// Consecutive leaves of a block, evaluated: their values, and no masks yet.
+/// The same for at most [`GROUP`] leaves, sorted by origin.
+fn group_values(
+    culler: &Culler,
+    leaves: &[Coord],
+    values: &mut [[f32; VOXELS]],
+    bits: &mut [LeafBits],
+) -> Result<u64, BandError> {
+    let step = culler.transform.voxel_size();
+    let background = culler.background as f32;
+    let mut origins = [WorldPoint(Vec3::zeros()); GROUP];
+    for (to, &leaf) in origins.iter_mut().zip(leaves) {
+        *to = culler.transform.world(leaf);
+    }
+    let together = culler.field.fill_leaves(&mut Leaves {
+        origins: &origins[..leaves.len()],
+        step,
+        background,
+        values,
+        bits,
+    });
+    if let Some(looked) = together
+        && bits.iter().all(|b| b.finite)
+    {
+        return Ok(looked);
+    }
+    let mut looked = 0;
+    for (n, values) in values.iter_mut().enumerate() {
+        let lattice = SampleLattice {
+            origin: origins[n],
+            step,
+            counts: [LEAF as usize; 3],
+        };
+        looked += culler.field.fill_counting(&lattice, values);
+        bits[n] = look_at(values, background);
+        if !bits[n].finite {
+            let m = values.iter().position(|v| !v.is_finite()).unwrap_or(0);
+            let voxel = leaves[n].offset((m >> 6) as i32, (m >> 3 & 7) as i32, (m & 7) as i32);
+            return Err(BandError::NotFinite {
+                value: values[m],
+                voxel,
+                place: culler.transform.world(voxel),
+            });
+        }
+    }
+    Ok(looked)
+}
+
+/// Consecutive leaves of a block, evaluated: their values, and for masks what lies within the band.
 struct Stretch {
     leaves: Range<usize>,
     batch: LeafBatch,
+    /// Whether the masks are all there is to them.
+    is_settled: bool,
 }
 
 /// The leaves of a block that may be active, sorted by origin, and what is known of them.
@@ -162,8 +202,9 @@ struct Block<'a> {
     culler: &'a Culler<'a>,
     origin: Coord,
     origins: Vec<Coord>,
-    /// Of all leaves that were evaluated.
-    bits: Vec<Bits>,
+    /// Of the leaves that were evaluated.
+    signs: Vec<Signs>,
+    settled: Vec<bool>,
     /// Number of the leaf at each of the 16^3 places, z fastest.
     table: Vec<u16>,
 }
@@ -178,7 +219,8 @@ impl<'a> Block<'a> {
         Self {
             culler,
             origin,
-            bits: vec![Bits::default(); origins.len()],
+            signs: pool::signs(origins.len()),
+            settled: vec![false; origins.len()],
             origins,
             table,
         }
@@ -205,61 +247,80 @@ impl<'a> Block<'a> {
         progress: &dyn Progress,
     ) -> Result<(Stretch, u64), BandError> {
         let mut batch = pool::batch(leaves.len());
+        let LeafBatch { masks, values, .. } = &mut batch;
         let looked = self.origins[leaves.clone()]
             .par_chunks(GROUP)
-            .zip(batch.values.par_chunks_mut(GROUP))
-            .zip(self.bits[leaves.clone()].par_chunks_mut(GROUP))
-            .map(|((group, values), bits)| {
+            .zip(values.par_chunks_mut(GROUP))
+            .zip(masks.par_chunks_mut(GROUP))
+            .zip(self.signs[leaves.clone()].par_chunks_mut(GROUP))
+            .zip(self.settled[leaves.clone()].par_chunks_mut(GROUP))
+            .map(|((((group, values), masks), signs), settled)| {
                 if progress.cancelled() {
                     return Err(BandError::from(Cancelled));
                 }
-                let mut looked = 0;
-                for (n, &leaf) in group.iter().enumerate() {
-                    let (found, points) = leaf_values(self.culler, leaf, &mut values[n])?;
-                    bits[n] = found;
-                    looked += points;
+                let mut bits = [LeafBits::default(); GROUP];
+                let bits = &mut bits[..group.len()];
+                let looked = group_values(self.culler, group, values, bits)?;
+                for (n, bits) in bits.iter().enumerate() {
+                    masks[n] = bits.within;
+                    signs[n] = bits.negative;
+                    // Only an inactive voxel may become active by its neighbours.
+                    settled[n] = bits.settled || bits.within == [u64::MAX; 8];
                 }
                 Ok(looked)
             })
             .try_reduce(|| 0, |a, b| Ok(a + b))?;
-        Ok((Stretch { leaves, batch }, looked))
+        let is_settled = self.settled[leaves.clone()].iter().all(|&s| s);
+        let stretch = Stretch {
+            leaves,
+            batch,
+            is_settled,
+        };
+        Ok((stretch, looked))
     }
 
     /// The leaves of a stretch that have active voxels; those that lie inside go to `inside`. Needs the
-    /// next stretch evaluated. Gives at how many more points the field was looked at.
+    /// next stretch evaluated, unless this one is settled. Gives at how many more points the field was
+    /// looked at.
     fn choose(&self, stretch: Stretch, inside: &mut Vec<(Coord, i32)>) -> (LeafBatch, u64) {
-        let Stretch { leaves, mut batch } = stretch;
-        let masks: Vec<_> = leaves
-            .clone()
-            .into_par_iter()
-            .map(|n| self.activate(n))
-            .collect();
+        let Stretch {
+            leaves,
+            mut batch,
+            is_settled,
+        } = stretch;
         let mut looked = 0;
-        for (place, (n, (mask, more))) in leaves.zip(masks).enumerate() {
-            looked += more;
-            if mask == [0; 8] {
-                if batch.values[place][0] < 0.0 {
+        if !is_settled {
+            let places = batch.masks.par_iter_mut().zip(leaves.clone());
+            let open = places.filter(|&(_, n)| !self.settled[n]);
+            looked = open.map(|(mask, n)| self.activate(n, mask)).sum();
+        }
+        let LeafBatch {
+            origins,
+            masks,
+            values,
+        } = &mut batch;
+        for (place, n) in leaves.enumerate() {
+            if masks[place] == [0; 8] {
+                if values[place][0] < 0.0 {
                     inside.push((self.origins[n], LEAF));
                 }
                 continue;
             }
-            let kept = batch.len();
+            let kept = origins.len();
             if kept < place {
-                batch.values[kept] = batch.values[place];
+                masks[kept] = masks[place];
+                values.copy_within(place..=place, kept);
             }
-            batch.origins.push(self.origins[n]);
-            batch.masks.push(mask);
+            origins.push(self.origins[n]);
         }
-        batch.values.truncate(batch.origins.len());
+        masks.truncate(origins.len());
+        values.truncate(origins.len());
         (batch, looked)
     }
 
-    /// The mask of a leaf's active voxels, and how many samples beyond the block it took to find it.
-    fn activate(&self, n: usize) -> ([u64; 8], u64) {
-        // Only an inactive voxel may become active by its neighbours.
-        if self.bits[n].within == [u64::MAX; 8] {
-            return ([u64::MAX; 8], 0);
-        }
+    /// Adds to the mask of a leaf's voxels within the band those next to a change of sign; gives how many
+    /// samples beyond the block it took to find them.
+    fn activate(&self, n: usize, mask: &mut [u64; 8]) -> u64 {
         let leaf = self.origins[n];
         let mut near = Neighbourhood::default();
         let own = place(self.origin, leaf);
@@ -270,8 +331,8 @@ impl<'a> Block<'a> {
                 continue;
             }
             let number = self.table[((x * EDGE + y) * EDGE + z) as usize];
-            if let Some(bits) = self.bits.get(number as usize) {
-                near.enter_leaf(direction, &bits.negative);
+            if let Some(signs) = self.signs.get(number as usize) {
+                near.enter_leaf(direction, signs);
             }
         }
         let mut taken = 0;
@@ -285,11 +346,10 @@ impl<'a> Block<'a> {
                 }
             }
         }
-        let mut mask = self.bits[n].within;
         for (word, changed) in mask.iter_mut().zip(near.next_to_change()) {
             *word |= changed;
         }
-        (mask, taken)
+        taken
     }
 }
 

@@ -1,6 +1,9 @@
 //! Leaves in bulk: the unit in which voxels travel.
+// Must be compiled for the processor that its caller is for.
+#![allow(clippy::inline_always)]
 
 use crate::frame::Coord;
+use crate::lanes::{Lanes, Work, run};
 use std::error::Error;
 
 /// Voxels along a leaf's edge.
@@ -60,7 +63,26 @@ impl LeafBatch {
 
     /// Active voxels of all leaves.
     pub fn active_voxels(&self) -> u64 {
-        self.masks.iter().map(count).sum()
+        run(Count(&self.masks))
+    }
+}
+
+/// Masks whose bits are to be counted, by the instruction that processors have for it.
+struct Count<'a>(&'a [[u64; 8]]);
+
+impl Work for Count<'_> {
+    type Output = u64;
+    #[inline(always)]
+    fn run<L: Lanes>(self, _: L) -> u64 {
+        let mut bits = 0;
+        for mask in self.0 {
+            let mut own = 0u32;
+            for word in mask {
+                own += word.count_ones();
+            }
+            bits += u64::from(own);
+        }
+        bits
     }
 }
 

@@ -1,4 +1,4 @@
-//! Memory that serves again: the buffers of batches, one stack of them per thread.
+//! Memory that serves again: the buffers of batches and of signs, a stack of each per thread.
 //!
 //! Fresh memory costs ten times what writing into warm memory does, since the system clears every page
 //! of it. A batch is taken for a stretch of leaves and given back behind it, whatever thread that is
@@ -12,13 +12,33 @@ const KEPT: usize = 4;
 
 thread_local! {
     static BATCHES: RefCell<Vec<LeafBatch>> = const { RefCell::new(Vec::new()) };
+    static SIGNS: RefCell<Vec<Vec<Signs>>> = const { RefCell::new(Vec::new()) };
 }
 
-/// A batch without origins and masks that has room for so many leaves' values, whatever they hold.
+/// What is kept of a leaf for its neighbours: where it is negative.
+pub(super) type Signs = [u64; 8];
+
+/// Signs of so many leaves, whatever they hold.
+pub(super) fn signs(leaves: usize) -> Vec<Signs> {
+    let mut signs = SIGNS.with_borrow_mut(Vec::pop).unwrap_or_default();
+    signs.resize(leaves, [0; 8]);
+    signs
+}
+
+/// Takes signs back.
+pub(super) fn give_signs(signs: Vec<Signs>) {
+    SIGNS.with_borrow_mut(|kept| {
+        if kept.len() < KEPT {
+            kept.push(signs);
+        }
+    });
+}
+
+/// A batch without origins that has so many leaves' masks and values, whatever they hold.
 pub(super) fn batch(leaves: usize) -> LeafBatch {
     let mut batch = BATCHES.with_borrow_mut(Vec::pop).unwrap_or_default();
     batch.origins.clear();
-    batch.masks.clear();
+    batch.masks.resize(leaves, [0; 8]);
     batch.values.resize(leaves, [0.0; VOXELS]);
     batch
 }

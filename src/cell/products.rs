@@ -6,17 +6,16 @@
 //! factor along the row; between samples sines and cosines follow by their sums' theorems.
 //!
 //! Functions along an axis are numbered: 0 is 1, 2 h - 1 is cos h, 2 h is sin h, of the angle
-//! 2 pi x. Derivatives are by the angles. What runs on lanes has no closures: they would be compiled
-//! for any processor.
-// Small functions of hot paths, which must be compiled for the processor that their caller is for.
-#![allow(clippy::inline_always)]
+//! 2 pi x. Derivatives are by the angles.
 
 use super::{Cell, Form, Solid};
 use crate::frame::Vec3;
-use crate::lanes::Lanes;
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
 use std::ops::Range;
+
+mod rows;
+pub use rows::{Along, Column};
 
 /// Most harmonics along an axis.
 const HARMONICS: usize = 3;
@@ -25,9 +24,6 @@ pub const FUNCTIONS: usize = (2 * HARMONICS + 1).next_power_of_two();
 const MASK: usize = FUNCTIONS - 1;
 /// Most products.
 const MOST: usize = 16;
-
-/// The values of the functions along one axis, at eight places.
-pub type Along<F> = [F; FUNCTIONS];
 
 /// `c X_i(x) Y_j(y) Z_k(z)`.
 #[derive(Clone, Copy, Debug)]
@@ -65,7 +61,6 @@ pub struct Products {
 }
 
 /// The harmonic of a product along an axis.
-#[inline(always)]
 fn order(p: &Product, axis: usize) -> f64 {
     p.functions[axis].div_ceil(2) as f64
 }
@@ -171,6 +166,11 @@ impl Products {
         self.any_numbering
     }
 
+    /// Whether values can be held in single precision.
+    pub fn is_single(&self) -> bool {
+        (self.most + self.mean.abs() + self.half.abs()) < 1e30
+    }
+
     /// Value of the solid's field from that of the sum, and its derivative by it.
     fn solid(&self, raw: f64) -> (f64, f64) {
         match self.solid {
@@ -246,250 +246,4 @@ impl Products {
             Solid::Channels => (self.half - greatest, self.half - least),
         }
     }
-
-    /// The functions along an axis at eight places, from the places' parts of a period, -1/2 to 1/2.
-    #[inline(always)]
-    pub fn along<L: Lanes>(&self, l: L, parts: &[f32; 8]) -> Along<L::F> {
-        let r = l.load(parts);
-        // Sines of the angle folded to a quarter turn.
-        let quarter = l.splat(0.25);
-        let size = l.magnitude(r);
-        let zero = l.splat(0.0);
-        let folded_size = l.sub(l.splat(0.5), size);
-        let folded = l.select_below(r, zero, l.sub(zero, folded_size), folded_size);
-        let t = l.mul(
-            l.select_below(quarter, size, folded, r),
-            l.splat(std::f32::consts::TAU),
-        );
-        let (s, c) = sine_and_cosine(l, t);
-        let c = l.select_below(quarter, size, l.sub(zero, c), c);
-        self.harmonics_of(l, s, c)
-    }
-
-    /// All functions from the first sine and cosine.
-    #[inline(always)]
-    fn harmonics_of<L: Lanes>(&self, l: L, s: L::F, c: L::F) -> Along<L::F> {
-        let mut all = [l.splat(1.0); FUNCTIONS];
-        (all[1], all[2]) = (c, s);
-        for h in 2..=self.harmonics {
-            let (ch, sh) = (all[2 * h - 3], all[2 * h - 2]);
-            all[2 * h - 1] = l.sub(l.mul(ch, c), l.mul(sh, s));
-            all[2 * h] = l.fused(sh, c, l.mul(ch, s));
-        }
-        all
-    }
-
-    /// The functions at places that lie so many radians further, each less than 2.2.
-    #[inline(always)]
-    pub fn further<L: Lanes>(&self, l: L, from: &Along<L::F>, by: L::F) -> Along<L::F> {
-        let (s, c) = sine_and_cosine(l, by);
-        let (c0, s0) = (from[1], from[2]);
-        self.harmonics_of(
-            l,
-            l.fused(s0, c, l.mul(c0, s)),
-            l.sub(l.mul(c0, c), l.mul(s0, s)),
-        )
-    }
-
-    /// The sum itself and its derivatives by the angles, from the functions along the axes.
-    #[inline(always)]
-    fn raw_slope<L: Lanes>(&self, l: L, [x, y, z]: [&Along<L::F>; 3]) -> (L::F, [L::F; 3]) {
-        let zero = l.splat(0.0);
-        let (mut value, mut gradient) = (zero, [zero; 3]);
-        for p in &self.terms {
-            let [i, j, k] = [
-                p.functions[0] & MASK,
-                p.functions[1] & MASK,
-                p.functions[2] & MASK,
-            ];
-            let [di, dj, dk] = [p.turned[0] & MASK, p.turned[1] & MASK, p.turned[2] & MASK];
-            let (yz, xz, xy) = (l.mul(y[j], z[k]), l.mul(x[i], z[k]), l.mul(x[i], y[j]));
-            value = l.fused(l.mul(l.splat(p.factor), x[i]), yz, value);
-            gradient[0] = l.fused(l.mul(l.splat(p.steep[0]), x[di]), yz, gradient[0]);
-            gradient[1] = l.fused(l.mul(l.splat(p.steep[1]), y[dj]), xz, gradient[1]);
-            gradient[2] = l.fused(l.mul(l.splat(p.steep[2]), z[dk]), xy, gradient[2]);
-        }
-        (value, gradient)
-    }
-
-    /// Value and derivatives by the angles from the functions along the axes.
-    #[inline(always)]
-    pub fn slope<L: Lanes>(&self, l: L, at: [&Along<L::F>; 3]) -> (L::F, [L::F; 3]) {
-        let (value, mut gradient) = self.raw_slope(l, at);
-        let outwards = match self.solid {
-            Solid::Below | Solid::Above => return (value, gradient),
-            Solid::Sheet => 1.0,
-            Solid::Channels => -1.0,
-        };
-        let zero = l.splat(0.0);
-        let sign = l.select_below(value, zero, l.splat(-outwards), l.splat(outwards));
-        for g in &mut gradient {
-            *g = l.mul(*g, sign);
-        }
-        (self.solid_of(l, value), gradient)
-    }
-
-    /// Bounds of the sum, not of the solid's field, in eight boxes, from the functions at their centres
-    /// and half their edges in radians.
-    #[inline(always)]
-    pub fn raw_ranges<L: Lanes>(
-        &self,
-        l: L,
-        at: [&Along<L::F>; 3],
-        half: [L::F; 3],
-    ) -> (L::F, L::F) {
-        let (value, gradient) = self.raw_slope(l, at);
-        let mut reach = l.splat(0.0);
-        for a in 0..3 {
-            reach = l.fused(l.magnitude(gradient[a]), half[a], reach);
-        }
-        for p in &self.terms {
-            let mut turned = l.splat(0.0);
-            for a in 0..3 {
-                turned = l.fused(l.splat(order(p, a) as f32), half[a], turned);
-            }
-            let curved = l.mul(l.splat(0.5 * p.factor.abs()), turned);
-            reach = l.fused(curved, turned, reach);
-        }
-        (l.sub(value, reach), l.add(value, reach))
-    }
-
-    /// Values at 8^3 places, rows along z, from the functions along the axes (of x as arrays), into `out`;
-    /// returns the least sizes.
-    #[inline(always)]
-    pub fn values<L: Lanes>(
-        &self,
-        l: L,
-        x: &Along<[f32; 8]>,
-        y: &Along<L::F>,
-        z: &Along<L::F>,
-        out: &mut [[f32; 8]; 64],
-    ) -> L::F {
-        match self.along_z.len() {
-            1 => self.values_of::<L, 1>(l, x, y, z, out),
-            2 => self.values_of::<L, 2>(l, x, y, z, out),
-            3 => self.values_of::<L, 3>(l, x, y, z, out),
-            4 => self.values_of::<L, 4>(l, x, y, z, out),
-            5 => self.values_of::<L, 5>(l, x, y, z, out),
-            6 => self.values_of::<L, 6>(l, x, y, z, out),
-            _ => self.values_of::<L, 7>(l, x, y, z, out),
-        }
-    }
-
-    /// The same with N functions along z: those of x and y are summed once per place along x, so that a
-    /// row takes one multiplication for each of z.
-    #[inline(always)]
-    fn values_of<L: Lanes, const N: usize>(
-        &self,
-        l: L,
-        x: &Along<[f32; 8]>,
-        y: &Along<L::F>,
-        z: &Along<L::F>,
-        out: &mut [[f32; 8]; 64],
-    ) -> L::F {
-        let mut along_z = [l.splat(0.0); N];
-        for (to, of) in along_z.iter_mut().zip(&self.along_z) {
-            *to = z[of.function & MASK];
-        }
-        let mut least = l.splat(f32::INFINITY);
-        for (i, slab) in out.as_chunks_mut::<8>().0.iter_mut().enumerate() {
-            let mut factors = [[0.0; 8]; N];
-            for (to, of) in factors.iter_mut().zip(&self.along_z) {
-                let mut sum = l.splat(0.0);
-                for p in &self.terms[of.terms.clone()] {
-                    let at_x = l.splat(p.factor * x[p.functions[0] & MASK][i & 7]);
-                    sum = l.fused(at_x, y[p.functions[1] & MASK], sum);
-                }
-                l.store(sum, to);
-            }
-            for (j, row) in slab.iter_mut().enumerate() {
-                let mut sum = l.splat(0.0);
-                for n in 0..N {
-                    sum = l.fused(l.splat(factors[n][j & 7]), along_z[n], sum);
-                }
-                let f = self.solid_of(l, sum);
-                least = l.min(least, l.magnitude(f));
-                l.store(f, row);
-            }
-        }
-        least
-    }
-
-    /// Values at eight places along axis `along`, at one place of both others (that of `at[along]` does
-    /// not matter): of 16 places along each axis `tables` holds the functions by eights.
-    #[inline(always)]
-    pub fn line<L: Lanes>(
-        &self,
-        l: L,
-        along: usize,
-        tables: &[[Along<[f32; 8]>; 2]; 3],
-        at: [usize; 3],
-        half: usize,
-    ) -> L::F {
-        let mut factors = [0.0; FUNCTIONS];
-        for p in &self.terms {
-            let mut factor = p.factor;
-            for axis in 0..3 {
-                if axis != along {
-                    factor *=
-                        tables[axis][at[axis] >> 3 & 1][p.functions[axis] & MASK][at[axis] & 7];
-                }
-            }
-            factors[p.functions[along] & MASK] += factor;
-        }
-        let mut sum = l.splat(factors[0]);
-        for n in 1..=2 * HARMONICS {
-            sum = l.fused(
-                l.splat(factors[n]),
-                l.load(&tables[along][half & 1][n]),
-                sum,
-            );
-        }
-        self.solid_of(l, sum)
-    }
-
-    /// The solid's field from the sum.
-    #[inline(always)]
-    fn solid_of<L: Lanes>(&self, l: L, sum: L::F) -> L::F {
-        match self.solid {
-            Solid::Below | Solid::Above => sum,
-            Solid::Sheet => l.sub(l.magnitude(sum), l.splat(self.half as f32)),
-            Solid::Channels => l.sub(l.splat(self.half as f32), l.magnitude(sum)),
-        }
-    }
 }
-
-/// Sine and cosine of angles within +-2.2 radians: error at most 5e-6 at the ends, 1e-7 within a
-/// quarter turn.
-#[inline(always)]
-fn sine_and_cosine<L: Lanes>(l: L, t: L::F) -> (L::F, L::F) {
-    let q = l.mul(t, t);
-    let mut sine = l.splat(SINE[0]);
-    for c in &SINE[1..] {
-        sine = l.fused(sine, q, l.splat(*c));
-    }
-    let mut cosine = l.splat(COSINE[0]);
-    for c in &COSINE[1..] {
-        cosine = l.fused(cosine, q, l.splat(*c));
-    }
-    (l.mul(sine, t), cosine)
-}
-
-/// Taylor coefficients of sin t / t and cos t by powers of t^2, the highest first.
-const SINE: [f32; 6] = [
-    -2.505_210_8e-8,
-    2.755_731_9e-6,
-    -1.984_127e-4,
-    8.333_333e-3,
-    -0.166_666_67,
-    1.0,
-];
-const COSINE: [f32; 7] = [
-    2.087_675_7e-9,
-    -2.755_732e-7,
-    2.480_158_7e-5,
-    -1.388_888_9e-3,
-    4.166_666_8e-2,
-    -0.5,
-    1.0,
-];

@@ -9,7 +9,7 @@ use super::offsets::Offsets;
 use super::stock::Stock;
 use crate::field::{
     BoxSolid, Capsule, Complement, Cylinder, ExactIntersection, Field, HalfSpace, Intersection,
-    Offset, Sphere, Union, WorldField,
+    Leaves, Offset, Sphere, Union, WorldField,
 };
 use crate::frame::{Aabb, Vec3};
 use crate::mesh::{Side as MeshSide, Skin};
@@ -334,6 +334,24 @@ impl Field for Shifted<'_> {
         self.field
             .fill_counting(&crate::field::SampleLattice { origin, ..*lattice }, out)
     }
+    fn fill_leaves(&self, leaves: &mut Leaves<'_, Self::Point>) -> Option<u64> {
+        let origins: Vec<_> = leaves
+            .origins
+            .iter()
+            .map(|p| crate::frame::WorldPoint(p.0 + self.by))
+            .collect();
+        self.field.fill_leaves(&mut Leaves {
+            origins: &origins,
+            step: leaves.step,
+            background: leaves.background,
+            values: leaves.values,
+            bits: leaves.bits,
+        })
+    }
+    fn sides(&self, first: Self::Point, step: f64, background: f64) -> Option<[u64; 2]> {
+        let first = crate::frame::WorldPoint(first.0 + self.by);
+        self.field.sides(first, step, background)
+    }
     fn signs(&self, lattice: &crate::field::SampleLattice<Self::Point>, rows: &mut [u64]) -> u64 {
         let origin = crate::frame::WorldPoint(lattice.origin.0 + self.by);
         self.field
@@ -370,6 +388,12 @@ impl<F: Field> Field for Borrowed<'_, F> {
         out: &mut [f32],
     ) -> u64 {
         self.0.fill_counting(lattice, out)
+    }
+    fn fill_leaves(&self, leaves: &mut Leaves<'_, F::Point>) -> Option<u64> {
+        self.0.fill_leaves(leaves)
+    }
+    fn sides(&self, first: F::Point, step: f64, background: f64) -> Option<[u64; 2]> {
+        self.0.sides(first, step, background)
     }
     fn signs(&self, lattice: &crate::field::SampleLattice<F::Point>, rows: &mut [u64]) -> u64 {
         self.0.signs(lattice, rows)

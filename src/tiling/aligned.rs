@@ -6,21 +6,27 @@
 //! that the zero set is that of the series. D is the exact distance to the box, and outside of it F is
 //! taken at the closest point, whose coordinates are clamped one by one.
 //!
-//! The scale d / |F| is smooth: where interpolating it from a few nodes of each leaf changes distances
-//! by no more than [`TOLERANCE`], it is. That is tried out on leaves spread over a period.
+//! The scale d / |F| is smooth: where interpolating it in a table over one period changes distances by no
+//! more than [`TOLERANCE`], it is. That is tried out on leaves spread over a period.
 
 use super::patch::Patch;
 use super::{Boundary, Distance, TilingOptions, Visits};
 use crate::cell::Products;
-use crate::field::{Interval, SampleLattice};
-use crate::frame::{Aabb, CellPoint, Element, Vec3, WorldPoint};
+use crate::field::{Interval, LeafBits, Leaves, SampleLattice};
+use crate::frame::{Aabb, Vec3, WorldPoint};
 use crate::lanes;
 use crate::scaffold::Scaffold;
 
 mod kernel;
+mod leaves;
 mod periods;
-use kernel::{CutWork, EVERY, LeafWork, Nodes, RangeWork, RowWork, Rule, SignWork, WIDEST};
-use periods::{Periods, Rows};
+mod scales;
+mod sides;
+use kernel::{Function, RangeWork, RowWork, Rule, SignWork, WIDEST};
+use leaves::LeavesWork;
+use periods::{Periods, grid};
+use scales::Scales;
+use sides::SidesWork;
 
 /// Root mean square, in voxels, by which interpolated scales may change distances in the band.
 const TOLERANCE: f64 = 0.0025;
@@ -37,13 +43,11 @@ const DAMPING: f64 = 0.05;
 
 /// A box of equal hexes with one function in it.
 pub(super) struct Aligned {
-    products: Products,
-    periods: Periods,
+    function: Function,
     options: TilingOptions,
     slope_sup: f64,
     slope_rms: f64,
-    rule: Rule,
-    nodes: Nodes,
+    scales: Scales,
 }
 
 impl Aligned {
@@ -62,60 +66,58 @@ impl Aligned {
         if options.distance != Distance::Fast || furthest > FURTHEST || !slope_sup.is_finite() {
             return None;
         }
+        let h = options.voxel_size;
         let rule = Rule {
             damping: (DAMPING * slope_rms).powi(2) as f32,
             longest: longest as f32,
             half_width: options.half_width as f32,
             least: slope_sup.recip() as f32,
             greatest: (10.0 / slope_rms) as f32,
-            tiny: (1e-4 * slope_rms * options.voxel_size) as f32,
+            reach: (f64::sqrt(3.0) * h * slope_sup * (1.0 + 1e-4)) as f32,
+            tiny: (1e-4 * slope_rms * h) as f32,
             turn: turn.map(|t| t as f32).into(),
         };
+        if !rule.is_finite() || !products.is_single() {
+            return None;
+        }
+        let periods = Periods {
+            centre,
+            rate: size.map(f64::recip),
+            room,
+        };
         let mut aligned = Self {
-            products: products.clone(),
-            periods: Periods {
-                centre,
-                rate: size.map(f64::recip),
-                room,
+            function: Function {
+                products: products.clone(),
+                periods,
+                rule,
             },
             options,
             slope_sup,
             slope_rms,
-            rule,
-            nodes: Nodes::new(EVERY),
+            scales: Scales::of_every_sample(),
         };
-        for count in [4, 5, 6] {
-            let nodes = Nodes::new(count);
-            if aligned.suffice(&nodes) {
-                aligned.nodes = nodes;
-                break;
-            }
+        let table = Scales::new(&aligned.function, h);
+        let mut nodes = [4, 5, 6].into_iter().map(|n| table.clone().with_nodes(n));
+        if let Some(scales) = nodes.find(|scales| aligned.suffice(scales)) {
+            aligned.scales = scales;
         }
         Some(aligned)
     }
 
-    /// Whether scales interpolated from these nodes are as good as those at every sample.
-    fn suffice(&self, nodes: &Nodes) -> bool {
-        let every = Nodes::new(EVERY);
+    /// Whether interpolated scales are as good as those at every sample.
+    fn suffice(&self, scales: &Scales) -> bool {
         let h = self.options.voxel_size;
-        let w = self.rule.half_width * (1.0 - 1e-4);
+        let w = self.function.rule.half_width * (1.0 - 1e-4);
         let (mut squares, mut count, mut most) = (0.0, 0u32, 0f64);
         for n in 0..TRIALS {
             // Spread evenly over a period.
             let spread = Vec3::new(0.819_172_5, 0.671_043_6, 0.549_700_5) * f64::from(n);
-            let periods = &self.periods;
-            let origin = periods.centre + spread.map(f64::fract).component_div(&periods.rate);
-            let [exact, close] = [&every, nodes].map(|nodes| {
-                let mut values = [[0.0; 8]; 64];
-                let rows = Rows {
-                    origin,
-                    step: h,
-                    clamp: false,
-                };
-                self.fill_leaf(nodes, rows, &mut values);
-                values
-            });
-            for (a, b) in exact.as_flattened().iter().zip(close.as_flattened()) {
+            let periods = &self.function.periods;
+            let part = spread.map(|s| s.fract() - 0.5);
+            let origin = WorldPoint(periods.centre + part.component_div(&periods.rate));
+            let [exact, close] =
+                [&self.scales, scales].map(|scales| self.leaf(scales, false, origin, h));
+            for (a, b) in exact.iter().zip(&close) {
                 if a.abs() < w || b.abs() < w {
                     let off = f64::from(a - b) / h;
                     squares += off * off;
@@ -127,21 +129,109 @@ impl Aligned {
         squares <= TOLERANCE * TOLERANCE * f64::from(count) && most <= MOST
     }
 
-    /// Distances to the zero set of F at 8^3 samples; the box not regarded.
-    fn fill_leaf(&self, nodes: &Nodes, rows: Rows, out: &mut [[f32; 8]; 64]) {
-        lanes::run(LeafWork {
-            products: &self.products,
-            periods: &self.periods,
-            rule: &self.rule,
-            nodes,
-            rows,
-            out,
+    /// Distances at 8^3 samples, to the solid or, not cut off at the box, to the zero set of F.
+    fn leaf(&self, scales: &Scales, is_cut: bool, origin: WorldPoint, step: f64) -> [f32; 512] {
+        let mut values = [[0.0; 512]];
+        lanes::run(LeavesWork {
+            function: &self.function,
+            scales,
+            is_cut,
+            leaves: &mut Leaves {
+                origins: &[origin],
+                step,
+                background: self.function.rule.half_width,
+                values: &mut values,
+                bits: &mut [LeafBits::default()],
+            },
         });
+        values[0]
+    }
+
+    /// Whether scales were tried out for samples that are so far from each other.
+    fn is_fine(&self, step: f64) -> bool {
+        step <= self.options.voxel_size * (1.0 + 1e-9)
+    }
+
+    /// Fills leaves, if their background is that of the distances; says at how many points the field was
+    /// looked at.
+    pub fn fill_leaves(&self, leaves: &mut Leaves<'_, WorldPoint>) -> Option<u64> {
+        if leaves.background != self.function.rule.half_width || !self.is_fine(leaves.step) {
+            return None;
+        }
+        lanes::run(LeavesWork {
+            function: &self.function,
+            scales: &self.scales,
+            is_cut: self.is_cut(),
+            leaves,
+        });
+        Some(512 * leaves.origins.len() as u64)
+    }
+
+    /// As [`Field::sides`](crate::field::Field::sides).
+    pub fn sides(&self, first: Vec3, step: f64, background: f64) -> [u64; 2] {
+        let w = self.options.half_width;
+        if background > w {
+            return [0; 2];
+        }
+        let [inside, outside] = lanes::run(SidesWork {
+            function: &self.function,
+            first,
+            step,
+            bound: (background * self.slope_sup * (1.0 + 1e-6)) as f32,
+        });
+        if self.is_cut() {
+            self.cut_sides(first, step, background, [inside, outside])
+        } else {
+            [inside, outside]
+        }
+    }
+
+    /// What the box leaves of the sides of 4^3 leaves.
+    fn cut_sides(&self, first: Vec3, step: f64, background: f64, sides: [u64; 2]) -> [u64; 2] {
+        let leaf = |axis: usize, n: usize| {
+            let from = first[axis] + (8.0 * n as f64 - 1.0) * step;
+            self.beyond_between(axis, from, from + 9.0 * step)
+        };
+        let along = [0, 1, 2].map(|axis| [0, 1, 2, 3].map(|n| leaf(axis, n)));
+        let bound = background * (1.0 + 1e-6);
+        let furthest = along
+            .as_flattened()
+            .iter()
+            .fold(f64::MIN, |m, b| m.max(b.1));
+        let [mut inside, mut outside] = sides;
+        if furthest <= -bound {
+            return sides;
+        }
+        for n in 0..64 {
+            let of = [along[0][n >> 4], along[1][n >> 2 & 3], along[2][n & 3]];
+            let (low, high) = (of.map(|b| b.0), of.map(|b| b.1));
+            if box_distance(low.into()) >= bound {
+                outside |= 1 << n;
+            }
+            if box_distance(high.into()) > -bound {
+                inside &= !(1 << n);
+            }
+        }
+        [inside, outside]
     }
 
     /// Notes the hexes that a box meets.
     pub fn note(&self, region: &Aabb, visits: &Visits) {
-        self.periods.for_each_hex(region, |n| visits.enter(n));
+        self.function
+            .periods
+            .for_each_hex(region, |n| visits.enter(n));
+    }
+
+    /// Notes the hexes within a distance of leaves.
+    pub fn note_leaves(&self, leaves: &Leaves<'_, WorldPoint>, distance: f64, visits: &Visits) {
+        for &origin in leaves.origins {
+            let lattice = SampleLattice {
+                origin,
+                step: leaves.step,
+                counts: [8; 3],
+            };
+            self.note(&lattice.span().dilated(distance), visits);
+        }
     }
 
     fn is_cut(&self) -> bool {
@@ -150,24 +240,27 @@ impl Aligned {
 
     /// How far outside the box a coordinate lies; 0 in its faces, rounding or not.
     fn beyond(&self, axis: usize, x: f64) -> f64 {
-        let d = (self.periods.room.min[axis] - x).max(x - self.periods.room.max[axis]);
-        if d.abs() < 1e-6 * self.options.voxel_size {
-            0.0
-        } else {
-            d
-        }
+        let periods = &self.function.periods;
+        periods.beyond(axis, x, self.options.voxel_size)
+    }
+
+    /// Bounds of that over a range of coordinates.
+    fn beyond_between(&self, axis: usize, from: f64, to: f64) -> (f64, f64) {
+        let room = &self.function.periods.room;
+        let low = (room.min[axis] - to).max(from - room.max[axis]);
+        (low, self.beyond(axis, from).max(self.beyond(axis, to)))
     }
 
     /// D: the signed distance to the box.
     fn to_box(&self, x: Vec3) -> f64 {
-        let q = Vec3::from_fn(|axis, _| self.beyond(axis, x[axis]));
-        q.sup(&Vec3::zeros()).norm() + q.max().min(0.0)
+        box_distance(Vec3::from_fn(|axis, _| self.beyond(axis, x[axis])))
     }
 
     /// The distance at a point, in double precision.
     pub fn value(&self, x: Vec3) -> f64 {
         let w = self.options.half_width;
-        let d = self.distance(x.sup(&self.periods.room.min).inf(&self.periods.room.max));
+        let room = &self.function.periods.room;
+        let d = self.distance(x.sup(&room.min).inf(&room.max));
         if self.is_cut() {
             d.max(self.to_box(x)).min(w)
         } else {
@@ -177,14 +270,15 @@ impl Aligned {
 
     /// Reference coordinates, over all periods.
     fn reference(&self, x: Vec3) -> Vec3 {
-        (x - self.periods.centre).component_mul(&self.periods.rate)
+        let periods = &self.function.periods;
+        (x - periods.centre).component_mul(&periods.rate)
     }
 
     /// Value of F and its gradient in world space.
     fn slope(&self, x: Vec3) -> (f64, Vec3) {
         let u = self.reference(x);
-        let (f, g) = self.products.value_and_gradient(u);
-        (f, g.component_mul(&self.periods.rate))
+        let (f, g) = self.function.products.value_and_gradient(u);
+        (f, g.component_mul(&self.function.periods.rate))
     }
 
     /// Rule Q with one function.
@@ -209,11 +303,14 @@ impl Aligned {
 
     /// Contains every value in a box.
     pub fn bound(&self, region: &Aabb) -> Interval {
-        let inside = |v: Vec3| v.sup(&self.periods.room.min).inf(&self.periods.room.max);
+        let Function {
+            products, periods, ..
+        } = &self.function;
+        let inside = |v: Vec3| v.sup(&periods.room.min).inf(&periods.room.max);
         let (min, max) = (inside(region.min), inside(region.max));
         let centre = self.reference((min + max) / 2.0);
-        let half = ((max - min) / 2.0).component_mul(&self.periods.rate);
-        let (lo, hi) = self.products.bound(centre, half);
+        let half = ((max - min) / 2.0).component_mul(&periods.rate);
+        let (lo, hi) = products.bound(centre, half);
         let d = self.distances(lo, hi);
         if self.is_cut() {
             self.cut_range(d, region)
@@ -233,9 +330,7 @@ impl Aligned {
             all
         };
         let [lo, hi] = lanes::run(RangeWork {
-            products: &self.products,
-            periods: &self.periods,
-            turn: &self.rule.turn,
+            function: &self.function,
             min: corners(|r| r.min),
             max: corners(|r| r.max),
         });
@@ -243,7 +338,7 @@ impl Aligned {
         let is_cut = self.is_cut() && self.box_range(&all).1 > -self.options.half_width;
         std::array::from_fn(|n| {
             let (lo, hi) = (f64::from(lo[n]), f64::from(hi[n]));
-            let (lo, hi) = self.products.solid_range(lo, hi, SINGLE);
+            let (lo, hi) = self.function.products.solid_range(lo, hi, SINGLE);
             let d = self.distances(lo, hi);
             if is_cut {
                 self.cut_range(d, &regions[n])
@@ -256,11 +351,8 @@ impl Aligned {
     /// The range of distances from that of F.
     fn distances(&self, lo: f64, hi: f64) -> Interval {
         let w = self.options.half_width;
-        // The scale is at least 1 / L, the interpolated one but for its error.
-        let slack = match self.nodes.count {
-            EVERY => 1e-6 * w,
-            _ => MOST * self.options.voxel_size,
-        };
+        // The scale is at least 1 / L, to rounding.
+        let slack = 1e-6 * w;
         let away = |f: f64| {
             if f >= w * self.slope_sup * (1.0 + 1e-6) {
                 w
@@ -287,16 +379,10 @@ impl Aligned {
 
     /// Least and greatest D over a box.
     fn box_range(&self, region: &Aabb) -> (f64, f64) {
-        let (at, reach) = (self.to_box(region.centre().0), region.half_diagonal());
-        let mut high = f64::NEG_INFINITY;
-        for axis in 0..3 {
-            let far = (self.periods.room.min[axis] - region.min[axis])
-                .max(region.max[axis] - self.periods.room.max[axis]);
-            high = high.max(far);
-        }
-        // Inside the box D is the greatest of six distances to planes.
-        let high = if high <= 0.0 { high } else { at + reach };
-        (at - reach, high)
+        let along = |axis: usize| self.beyond_between(axis, region.min[axis], region.max[axis]);
+        let all = [along(0), along(1), along(2)];
+        let (low, high) = (all.map(|b| b.0), all.map(|b| b.1));
+        (box_distance(low.into()), box_distance(high.into()))
     }
 
     /// Values on a lattice.
@@ -304,41 +390,39 @@ impl Aligned {
         if lattice.is_empty() {
             return;
         }
-        let span = lattice.span();
-        let w = self.options.half_width;
-        let (least, greatest) = self.box_range(&span);
-        let rows = Rows {
-            origin: lattice.origin.0,
-            step: lattice.step,
-            clamp: greatest > 0.0,
-        };
-        match out.as_chunks_mut::<8>().0.first_chunk_mut() {
-            Some(leaf) if lattice.counts == [8; 3] => self.fill_leaf(&self.nodes, rows, leaf),
-            _ => self.fill_rows(lattice, rows, out),
+        let SampleLattice {
+            origin,
+            step,
+            counts,
+        } = *lattice;
+        if counts == [8; 3] && self.is_fine(step) {
+            out.copy_from_slice(&self.leaf(&self.scales, self.is_cut(), origin, step));
+            return;
         }
+        let w = self.options.half_width;
+        let (least, greatest) = self.box_range(&lattice.span());
+        self.fill_rows(lattice, out);
         if self.is_cut() && greatest > -w {
             if least >= w {
                 out.fill(w as f32);
             } else {
-                self.cut(lattice, out);
+                for (n, v) in out.iter_mut().enumerate() {
+                    *v = v.max(self.to_box(lattice.point(n).0) as f32).min(w as f32);
+                }
             }
         }
     }
 
     /// Distances to the zero set of F on any lattice, in pieces of rows.
-    fn fill_rows(&self, lattice: &SampleLattice<WorldPoint>, rows: Rows, out: &mut [f32]) {
+    fn fill_rows(&self, lattice: &SampleLattice<WorldPoint>, out: &mut [f32]) {
         let depth = lattice.counts[2];
         for (row, values) in out.chunks_exact_mut(depth).enumerate() {
             for (piece, values) in values.chunks_mut(8).enumerate() {
                 let mut found = [0.0; 8];
                 lanes::run(RowWork {
-                    products: &self.products,
-                    periods: &self.periods,
-                    rule: &self.rule,
-                    rows: Rows {
-                        origin: lattice.point(row * depth + 8 * piece).0,
-                        ..rows
-                    },
+                    function: &self.function,
+                    origin: lattice.point(row * depth + 8 * piece).0,
+                    step: lattice.step,
                     out: &mut found,
                 });
                 values.copy_from_slice(&found[..values.len()]);
@@ -355,13 +439,9 @@ impl Aligned {
         }
         let (_, greatest) = self.box_range(&lattice.span());
         lanes::run(SignWork {
-            products: &self.products,
-            periods: &self.periods,
-            at: Rows {
-                origin: lattice.origin.0,
-                step: lattice.step,
-                clamp: greatest > 0.0,
-            },
+            function: &self.function,
+            origin: lattice.origin.0,
+            step: lattice.step,
             counts,
             rows: &mut *rows,
         });
@@ -382,73 +462,14 @@ impl Aligned {
     fn place(&self, lattice: &SampleLattice<WorldPoint>, axis: usize, n: usize) -> f64 {
         self.beyond(axis, lattice.origin.0[axis] + lattice.step * n as f64)
     }
-
-    /// Cuts the values off at the box.
-    fn cut(&self, lattice: &SampleLattice<WorldPoint>, out: &mut [f32]) {
-        let w = self.options.half_width as f32;
-        if let Some(leaf) = out.as_chunks_mut::<8>().0.first_chunk_mut()
-            && lattice.counts == [8; 3]
-        {
-            let along = |axis| std::array::from_fn(|n| self.place(lattice, axis, n) as f32);
-            lanes::run(CutWork {
-                beyond: [along(0), along(1), along(2)],
-                half_width: w,
-                out: leaf,
-            });
-            return;
-        }
-        for (n, v) in out.iter_mut().enumerate() {
-            *v = v.max(self.to_box(lattice.point(n).0) as f32).min(w);
-        }
-    }
 }
 
-/// The box that the elements fill, a centre and the size of one of them, if they are equal hexes
-/// along the axes that together are a box, turned alike unless the cell does not mind.
-fn grid(scaffold: &Scaffold, any_numbering: bool) -> Option<(Aabb, Vec3, Vec3)> {
-    let (mut room, mut size) = (Aabb::EMPTY, None::<Vec3>);
-    let mut centres = Vec::with_capacity(scaffold.len());
-    for element in scaffold.elements() {
-        if element.shape() != Element::Hex || !element.is_affine() {
-            return None;
-        }
-        let (centre, jacobian) = element.map_and_jacobian(CellPoint(Vec3::zeros()));
-        let own = Vec3::from_fn(|a, _| jacobian.row(a).abs().sum());
-        let scale = own.max();
-        let is_axis = |a: usize| {
-            let row = jacobian.row(a);
-            if any_numbering {
-                (row.amax() - own[a]).abs() <= 1e-12 * scale
-            } else {
-                (row[a] - own[a]).abs() <= 1e-12 * scale
-            }
-        };
-        let first = *size.get_or_insert(own);
-        if !(0..3).all(is_axis) || (own - first).amax() > 1e-9 * scale {
-            return None;
-        }
-        room = room.union(Aabb {
-            min: centre.0 - own / 2.0,
-            max: centre.0 + own / 2.0,
-        });
-        centres.push(centre.0);
+/// The signed distance to a box from how far outside of it the coordinates lie.
+fn box_distance(beyond: Vec3) -> f64 {
+    let most = beyond.max();
+    if most <= 0.0 {
+        most
+    } else {
+        beyond.sup(&Vec3::zeros()).norm()
     }
-    let size = size?;
-    let counts = room.size().component_div(&size);
-    let number = counts.map(f64::round);
-    let fits = (counts - number).amax() < 1e-6;
-    if !fits || number.product() != centres.len() as f64 {
-        return None;
-    }
-    let mut taken = vec![false; centres.len()];
-    for centre in &centres {
-        let place = (centre - room.min).component_div(&size) - Vec3::repeat(0.5);
-        let index = place.map(f64::round);
-        let at = (index.x * number.y + index.y) * number.z + index.z;
-        let slot = taken.get_mut(at as usize)?;
-        if (place - index).amax() > 1e-6 || std::mem::replace(slot, true) {
-            return None;
-        }
-    }
-    Some((room, centres[0], size))
 }

@@ -212,3 +212,19 @@ impl<C: CellField> Filling for C {
         CellField::products(self)
     }
 }
+
+/// A filling that somebody else owns, or the tiling itself.
+pub(super) enum Held<'a, F> {
+    Borrowed(&'a F),
+    Owned(Box<F>),
+}
+
+impl<F> std::ops::Deref for Held<'_, F> {
+    type Target = F;
+    fn deref(&self) -> &F {
+        match self {
+            Self::Borrowed(f) => f,
+            Self::Owned(f) => f,
+        }
+    }
+}

@@ -1,0 +1,178 @@
+//! Distances on leaves of 8^3 samples, many of them at a time.
+//!
+//! What the samples have along an axis is found once for all leaves there, what the products come to
+//! along x and y once for a column of leaves; a leaf takes one sweep over its 64 rows, in which values
+//! become distances and say where they are negative and where within the band.
+// Small functions of hot paths, which must be compiled for the processor that their caller is for.
+#![allow(clippy::inline_always)]
+
+use super::kernel::{Function, scale, splatted};
+use super::scales::{Axis, EVERY, MOST, Scales};
+use crate::cell::Column;
+use crate::field::{LeafBits, Leaves};
+use crate::frame::WorldPoint;
+use crate::lanes::{Lanes, Work};
+
+/// Leaves along z whose samples' functions are kept.
+const KEPT: usize = 16;
+
+/// Leaves to be filled.
+pub(super) struct LeavesWork<'a, 'b> {
+    pub function: &'a Function,
+    pub scales: &'a Scales,
+    /// Whether the solid ends at the box.
+    pub is_cut: bool,
+    pub leaves: &'a mut Leaves<'b, WorldPoint>,
+}
+
+impl Work for LeavesWork<'_, '_> {
+    type Output = ();
+    #[inline(always)]
+    fn run<L: Lanes>(self, l: L) {
+        let Self {
+            function,
+            scales,
+            is_cut,
+            leaves,
+        } = self;
+        let (step, background) = (leaves.step, leaves.background);
+        let mut across = [Axis::NONE; 2];
+        let mut along = [Axis::NONE; KEPT];
+        let mut column = Column::default();
+        let places = leaves.values.iter_mut().zip(leaves.bits.iter_mut());
+        for (origin, (values, bits)) in leaves.origins.iter().zip(places) {
+            let mut is_new = false;
+            for axis in 0..2 {
+                if across[axis].origin != origin.0[axis] {
+                    across[axis] = scales.axis(l, function, axis, origin.0[axis], step);
+                    is_new = true;
+                }
+            }
+            let [x, y] = &across;
+            if is_new {
+                let products = &function.products;
+                products.column(l, &x.along, &y.along, &mut column);
+            }
+            let place = (origin.0.z / (8.0 * step) + 0.5) as i64 as usize;
+            let z = &mut along[place % KEPT];
+            if z.origin != origin.0.z {
+                *z = scales.axis(l, function, 2, origin.0.z, step);
+            }
+            let Some(rows) = values.as_chunks_mut().0.first_chunk_mut() else {
+                continue;
+            };
+            function.products.values(l, &column, &z.along, rows);
+            let sweep = Sweep {
+                function,
+                scales,
+                background,
+                at: [x, y, z],
+            };
+            let outermost = x.outermost().max(y.outermost()).max(z.outermost());
+            let is_cut = is_cut && outermost > -background;
+            *bits = match (scales.nodes(), is_cut) {
+                (4, false) => sweep.run::<L, 4, false>(l, rows),
+                (4, true) => sweep.run::<L, 4, true>(l, rows),
+                (5, false) => sweep.run::<L, 5, false>(l, rows),
+                (5, true) => sweep.run::<L, 5, true>(l, rows),
+                (MOST, false) => sweep.run::<L, MOST, false>(l, rows),
+                (MOST, true) => sweep.run::<L, MOST, true>(l, rows),
+                (_, false) => sweep.run::<L, EVERY, false>(l, rows),
+                (_, true) => sweep.run::<L, EVERY, true>(l, rows),
+            };
+        }
+    }
+}
+
+/// From the field's values on a leaf to distances.
+struct Sweep<'a> {
+    function: &'a Function,
+    scales: &'a Scales,
+    background: f32,
+    at: [&'a Axis; 3],
+}
+
+impl Sweep<'_> {
+    /// With scales from N nodes along each axis, and cut off at the box or not.
+    #[inline(always)]
+    fn run<L: Lanes, const N: usize, const CUT: bool>(
+        &self,
+        l: L,
+        rows: &mut [[f32; 8]; 64],
+    ) -> LeafBits {
+        let Self {
+            function,
+            scales,
+            background,
+            at,
+        } = *self;
+        let [x, y, z] = at;
+        let rule = &function.rule;
+        let (zero, least) = (l.splat(0.0), l.splat(rule.least));
+        let (limit, minus) = (l.splat(background), l.splat(-background));
+        let reach = l.splat(rule.reach);
+        let beyond = l.splat(background / rule.least);
+        let mut planes = [[zero; N]; 8];
+        let mut along_z = [zero; crate::cell::FUNCTIONS];
+        if N == EVERY {
+            for (to, from) in along_z.iter_mut().zip(&z.along) {
+                *to = l.load(from);
+            }
+        } else {
+            planes = scales.planes::<L, N>(l, at);
+        }
+        let outside_z = l.load(&z.beyond);
+        let mut bits = LeafBits {
+            finite: true,
+            ..LeafBits::default()
+        };
+        // The greatest distances where the field is so small that a neighbour may have the other sign.
+        let mut doubt = zero;
+        for (i, slab) in rows.as_chunks_mut::<8>().0.iter_mut().enumerate() {
+            let shares = Scales::shares::<L, N>(l, x, i);
+            let (mut negative, mut within) = (0, 0);
+            for j in 0..8 {
+                let f = l.load(&slab[j]);
+                let small = l.magnitude(f);
+                let mut s = zero;
+                if N == EVERY {
+                    if l.below(small, beyond) != 0 {
+                        let at_x = splatted(l, &x.along, i);
+                        let at_y = splatted(l, &y.along, j);
+                        s = scale::<L, false>(l, function, [&at_x, &at_y, &along_z]);
+                    }
+                } else {
+                    for n in 0..N {
+                        s = l.fused(shares[n], planes[j][n], s);
+                    }
+                }
+                s = l.max(s, least);
+                let (mut d, mut size) = (l.mul(f, s), l.mul(small, s));
+                doubt = l.max(doubt, l.select_below(small, reach, size, zero));
+                if CUT {
+                    let (ox, oy) = (x.beyond[i & 7], y.beyond[j]);
+                    d = l.max(d, to_box(l, ox, oy, outside_z));
+                    size = l.magnitude(d);
+                }
+                d = l.min(l.max(d, minus), limit);
+                l.store(d, &mut slab[j]);
+                negative |= u64::from(l.below(d, zero)) << (8 * j);
+                within |= u64::from(l.below(size, limit)) << (8 * j);
+            }
+            bits.negative[i & 7] = negative;
+            bits.within[i & 7] = within;
+        }
+        bits.settled = l.below(doubt, limit) == u8::MAX;
+        bits
+    }
+}
+
+/// Distances to the box of a row along z, from how far outside of it the coordinates lie.
+#[inline(always)]
+fn to_box<L: Lanes>(l: L, x: f32, y: f32, z: L::F) -> L::F {
+    let zero = l.splat(0.0);
+    let (ox, oy, oz) = (x.max(0.0), y.max(0.0), l.max(z, zero));
+    let across = l.max(l.splat(x.max(y)), z);
+    let outside = l.add(l.splat(ox * ox + oy * oy), l.mul(oz, oz));
+    l.add(l.sqrt(outside), l.min(across, zero))
+}
