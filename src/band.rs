@@ -37,10 +37,12 @@ use crate::frame::{Aabb, Coord, Transform, WorldPoint};
 use crate::progress::Cancelled;
 
 mod activate;
+mod closest;
 mod cull;
 mod estimate;
 mod evaluate;
 mod flood;
+mod index;
 mod leaf;
 mod leaf_file;
 mod leaf_store;
@@ -48,6 +50,7 @@ mod pool;
 mod sinks;
 mod smooth;
 
+pub use closest::{MovedLeaf, SurfacePoints};
 pub use estimate::{Estimate, Sampling};
 pub use leaf::{BLOCK, LEAF, LeafBatch, LeafSink, SinkError, VOXELS};
 pub use leaf_file::{LeafFileError, LeafFileHead, LeafFileWriter};

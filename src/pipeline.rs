@@ -68,7 +68,7 @@ pub use plot::{Curve, Plot, plot, sheet, sheet_columns};
 pub use probe::{Probe, Probed};
 pub use report::{
     BandReport, BricksReport, ContinuityReport, Input, MeshFacts, OffsetReport, OutputFile, Report,
-    ScaffoldReport, SolidReport, Stage, Warning,
+    ScaffoldReport, SolidReport, Stage, Warning, Way,
 };
 pub use source::{CellFault, enter_source};
 

@@ -57,6 +57,7 @@ mod leaves;
 mod light;
 mod memory;
 mod mesh;
+mod moves;
 mod ops;
 mod paint;
 mod pieces;
@@ -100,11 +101,12 @@ pub enum Scheme {
     Weno5,
 }
 
-/// Whose tools smooth a level set, where there are two.
+/// Whose tools smooth and move a level set, where there are two.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Tools {
-    /// [`Smoother`](crate::band::Smoother), several times faster: for [`Scheme::First`], and for means,
-    /// Gaussians and Laplacian flow. All else is OpenVDB's.
+    /// [`Smoother`](crate::band::Smoother) for means, Gaussians and Laplacian flow, and
+    /// [`SurfacePoints`](crate::band::SurfacePoints) for moves by a distance, several times faster: for
+    /// [`Scheme::First`]. All else is OpenVDB's.
     #[default]
     Own,
     /// OpenVDB's: for level sets whose band may be other than this crate's.
@@ -120,7 +122,7 @@ pub struct Session<'a> {
     pub progress: &'a dyn Progress,
     /// Of filters and offsets.
     pub scheme: Scheme,
-    /// Of filters.
+    /// Of filters and offsets.
     pub tools: Tools,
 }
 

@@ -85,6 +85,19 @@ pub struct LeafRef<'a> {
     pub values: &'a [f32],
 }
 
+impl LeafRef<'_> {
+    /// Which voxels lie inside, laid out as masks.
+    pub fn inside(&self) -> [u64; 8] {
+        let mut words = [0; 8];
+        for (word, values) in words.iter_mut().zip(self.values.as_chunks::<64>().0) {
+            for (n, v) in values.iter().enumerate() {
+                *word |= u64::from(*v < 0.0) << n;
+            }
+        }
+        words
+    }
+}
+
 impl Smoother {
     /// Takes the leaves of a closed band: `leaf` gives those from 0 to `count`, from any thread, each
     /// with an origin of its own. `voxel_size` and `background` (half width times voxel size) in world

@@ -7,23 +7,26 @@
 //! (of common parts, outside) and concave ones (of unions, inside) are taken to the edge.
 //!
 //! It holds as far as the field is a distance: to about half the least wall inwards, and half the least
-//! gap outwards, where surfaces meet. That is measured, on the offset field itself: from voxels p of its
-//! band, drawn over the whole part, to the foot p - s grad s, where the field must vanish. If the root
-//! mean square of what it is there instead is more than [`LIMIT`], the distance is rebuilt from the
-//! level set step by step, as for operations later on; the report says which way was taken, and why.
+//! gap outwards, where surfaces meet; of cells whose field bends, less far. That is measured, on the
+//! offset field itself: from voxels p of its band, drawn over the whole part, to the foot p - s grad s,
+//! where the field must vanish. If the root mean square of what it is there instead is more than
+//! [`LIMIT`], the distance is rebuilt first, from points of the surface of the sampled level set
+//! ([`SurfacePoints`]), at any distance in one step; so are later moves. OpenVDB's filters, which rebuild
+//! it by steps of half a voxel, are left with level sets of files, masks, `precise` and bands of less
+//! than 3 voxels. The report says which way was taken, and why.
 //!
 //! Moves in one direction add up. One back does not: an erosion after a dilation leaves closed what the
 //! dilation has closed. So `open`, `close`, and whatever moves against the moves before it are done on
 //! the level set, and so is all that comes after it, or has a mask.
 
 use super::error::RunError;
-use super::report::OffsetReport;
+use super::report::{OffsetReport, Way};
 use super::shape::{Shape, field_operations, shape_with};
 use super::stock::Stock;
-use crate::band::Band;
+use crate::band::{Band, SurfacePoints};
 use crate::frame::{Transform, WorldPoint};
 use crate::progress::{Progress, Threads};
-use crate::recipe::{Op, Operand, Side};
+use crate::recipe::{Op, Operand, Recipe, Side};
 use rayon::prelude::*;
 
 /// Greatest root mean square of the error at the foot, voxels.
@@ -40,7 +43,7 @@ pub(super) struct Offsets {
     pub by: f64,
     /// Half the thickness of a wall.
     pub half: Option<f64>,
-    /// Whether the tiling searches closest points for it, whatever the recipe says.
+    /// Whether the tiling searches closest points, whatever the recipe says: for estimates.
     pub exact: bool,
 }
 
@@ -105,8 +108,8 @@ pub(super) fn foretold(stock: &Stock) -> Offsets {
     all
 }
 
-/// Which of the first operations after those on fields are done on the field, too; all of them that are
-/// moves are told in the report.
+/// Which of the first operations after those on fields are done on the field, too; all that are moves are
+/// told in the report.
 pub(super) fn offsets(
     stock: &Stock,
     threads: &Threads,
@@ -115,44 +118,66 @@ pub(super) fn offsets(
     let ops = &stock.recipe.sections().op;
     let first = field_operations(ops);
     let scale = stock.recipe.scale();
-    let mut told = Vec::new();
+    let is_file = stock.volumes.start().is_some();
     let from_files = |op: &Op| matches!(op.operand(), Some(Operand::Vdb(_)));
-    if stock.volumes.start().is_some() || ops[..first].iter().any(from_files) {
-        // Distances of files end with their band.
-        return Ok((Offsets::default(), told));
-    }
+    // Distances of files end with their band.
+    let mut is_field = !is_file && !ops[..first].iter().any(from_files);
     let mut done = Offsets::default();
+    let mut told = Vec::new();
     for (n, op) in ops.iter().enumerate().skip(first) {
-        let Some(next) = done.with(op, scale) else {
-            break;
-        };
-        // The tiling's fast distances serve where they hold.
-        let mut next = next;
-        let mut error = foot_error(stock, next, threads, progress)?;
-        if !next.exact && error.is_some_and(|e| e > LIMIT) {
-            next.exact = true;
-            error = foot_error(stock, next, threads, progress)?;
+        let next = done.with(op, scale).filter(|_| is_field);
+        is_field = next.is_some();
+        let (mut way, mut error_voxels, mut why) = later(op, stock.recipe, is_file);
+        if let Some(next) = next {
+            error_voxels = foot_error(stock, next, threads, progress)?;
+            is_field = error_voxels.is_some_and(|e| e <= LIMIT);
+            if is_field {
+                (way, why) = (Way::Field, "the field's distances hold that far");
+                done = next;
+            } else if error_voxels.is_some() {
+                why = "the field's distances do not hold that far: walls or gaps are too narrow, or the field bends too much";
+            } else {
+                why = "nothing of the solid is left to measure";
+            }
         }
-        let fits = error.is_some_and(|e| e <= LIMIT);
-        told.push(OffsetReport {
-            op: format!("op.{n}.{}", op.name()),
-            re_evaluated: fits,
-            error_voxels: error,
-            limit_voxels: LIMIT,
-            why: match error {
-                Some(_) if fits => "the field's distances hold that far",
-                Some(_) => {
-                    "the field's distances do not hold that far: walls or gaps are too narrow"
-                }
-                None => "nothing of the solid is left to measure",
-            },
-        });
-        if !fits {
-            break;
+        if is_move(op) {
+            told.push(OffsetReport {
+                op: format!("op.{n}.{}", op.name()),
+                re_evaluated: way == Way::Field,
+                way,
+                error_voxels,
+                limit_voxels: LIMIT,
+                why,
+            });
         }
-        done = next;
     }
     Ok((done, told))
+}
+
+/// Whether an operation moves the surface by a distance.
+fn is_move(op: &Op) -> bool {
+    matches!(
+        op,
+        Op::Dilate(_) | Op::Erode(_) | Op::Open(_) | Op::Close(_) | Op::Hollow(_)
+    )
+}
+
+/// How an operation that moves the surface of a level set does so, and why.
+fn later(op: &Op, recipe: &Recipe, is_file: bool) -> (Way, Option<f64>, &'static str) {
+    if is_by_points(op, recipe) && !is_file {
+        (Way::Points, None, "the solid is a level set by then")
+    } else {
+        let why = "the level set is a file's, or there is a mask, precise, or a band of less than 3 voxels";
+        (Way::Filter, None, why)
+    }
+}
+
+/// Whether an operation moves the surface of a level set by distances from points of it, unless the level
+/// set is a file's.
+pub(super) fn is_by_points(op: &Op, recipe: &Recipe) -> bool {
+    let half_width = recipe.sections().band.half_width.0;
+    let is_masked = op.mask().is_some() && matches!(op, Op::Dilate(_) | Op::Erode(_));
+    is_move(op) && !is_masked && !op.is_precise() && SurfacePoints::suffices(half_width)
 }
 
 /// Root mean square, in voxels, of the offset field at the feet of voxels of its band; `None` if it has

@@ -140,16 +140,29 @@ pub struct BandReport {
     pub kernel: Option<Kernel>,
 }
 
-/// An operation that moves the surface of what is still a field: whether the field was evaluated again
-/// with its distances moved, or the level set's distance rebuilt.
+/// How an operation moved the surface by a distance.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Way {
+    /// The field was evaluated again, with its distances moved.
+    Field,
+    /// The level set's distances were rebuilt from points of its surface, as far as the move goes.
+    Points,
+    /// OpenVDB's filter moved it, rebuilding distances every half voxel.
+    Filter,
+}
+
+/// An operation that moves the surface by a distance, and which way was taken.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct OffsetReport {
     /// The operation, as in `op.2.dilate`.
     pub op: String,
     /// Whether the field was evaluated again.
     pub re_evaluated: bool,
+    /// Which way was taken.
+    pub way: Way,
     /// By how many voxels (root mean square) the moved field is off its surface at the feet of voxels
-    /// of its band; absent if nothing is left of it.
+    /// of its band; absent if nothing is left of it, or it was no field any more.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub error_voxels: Option<f64>,
     /// The most that is accepted.

@@ -23,15 +23,16 @@ pub enum Op {
     /// Keep what lies in a box.
     Trim(Trim),
     /// Move the surface outward. As one of the first operations on a solid that is still exact, and as far
-    /// as its gaps allow, exactly and at no cost; the report says so under `offsets`.
+    /// as its distances hold, at no cost; else by distances from points of the surface. The report says
+    /// which under `offsets`.
     Dilate(Brief<Move>),
-    /// Move the surface inward; exactly and at no cost as `dilate`, as far as its walls allow.
+    /// Move the surface inward, as `dilate`.
     Erode(Brief<Move>),
     /// Erode, then dilate: removes what is thinner than twice the distance.
     Open(Brief<Move>),
     /// Dilate, then erode: fills gaps narrower than twice the distance.
     Close(Brief<Move>),
-    /// Keep only a wall along the surface; exactly and at no cost as `dilate`.
+    /// Keep only a wall along the surface, moved as `dilate` moves it.
     Hollow(Brief<Hollow>),
     /// Fill concave edges to a radius, and gaps narrower than twice it; flat walls stay within 0.02 voxel.
     Fillet(Brief<Fillet>),

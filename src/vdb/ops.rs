@@ -16,8 +16,8 @@ fn smoothing(width: u32, iterations: u32, session: Session<'_>) -> Smoothing {
 }
 
 impl LevelSet {
-    /// Moves the surface outwards by `distance` (world units). Takes time in proportion to
-    /// distance / voxel size.
+    /// Moves the surface outwards by `distance` (world units), at once by points of the surface, or, with
+    /// OpenVDB's tools, in time proportional to distance / voxel size.
     ///
     /// # Errors
     /// [`VdbError::Parameter`] unless the distance is finite and not negative,
@@ -60,6 +60,9 @@ impl LevelSet {
         outwards: f64,
         session: Session<'_>,
     ) -> Result<(), VdbError> {
+        if self.moves_by_points(session) {
+            return self.move_by_points(doing, outwards, session);
+        }
         let how = smoothing(1, 1, session);
         self.change(doing, session, |grid, host| {
             ffi::grid_offset(grid, -outwards, how, host)

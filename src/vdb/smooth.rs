@@ -1,10 +1,11 @@
 //! Smoothing by this crate's own filter: leaves out of the tree and back into it.
 
 use super::ffi::{self, Filter};
-use super::{LevelSet, Scheme, Session, Tools, VdbError};
-use crate::band::{LeafRef, Smoother};
+use super::{Leaves, LevelSet, Scheme, Session, Tools, VdbError};
+use crate::band::{LeafBatch, LeafRef, Smoother};
 use crate::frame::Coord;
 use crate::progress::Cancelled;
+use std::pin::Pin;
 
 /// Leaves that travel back at a time.
 const BATCH: usize = 512;
@@ -13,6 +14,31 @@ const BATCH: usize = 512;
 pub(super) fn is_own(kind: Filter, session: Session<'_>) -> bool {
     let known = [Filter::Mean, Filter::Gaussian, Filter::Laplacian].contains(&kind);
     known && session.scheme == Scheme::First && session.tools == Tools::Own
+}
+
+/// A leaf as the band's own filters take it.
+pub(super) fn leaf_of<'a>(leaves: &'a Leaves<'_>, n: usize) -> LeafRef<'a> {
+    let nothing = LeafRef {
+        origin: Coord([0; 3]),
+        mask: [0; 8],
+        values: &[0.0; 512],
+    };
+    leaves.get(n).map_or(nothing, |l| LeafRef {
+        origin: l.origin,
+        mask: l.mask,
+        values: l.values,
+    })
+}
+
+/// Puts leaves into a tree, in the place of those that are there.
+pub(super) fn put(grid: Pin<&mut ffi::Grid>, leaves: &LeafBatch) -> Result<(), cxx::Exception> {
+    let origins: Vec<[i32; 3]> = leaves.origins.iter().map(|o| o.0).collect();
+    ffi::grid_put_leaves(
+        grid,
+        origins.as_flattened(),
+        leaves.masks.as_flattened(),
+        leaves.values.as_flattened(),
+    )
 }
 
 impl LevelSet {
@@ -25,18 +51,7 @@ impl LevelSet {
     ) -> Result<(), VdbError> {
         let background = self.background() as f32;
         let leaves = self.leaves()?;
-        let nothing = LeafRef {
-            origin: Coord([0; 3]),
-            mask: [0; 8],
-            values: &[0.0; 512],
-        };
-        let leaf = |n: usize| {
-            leaves.get(n).map_or(nothing, |l| LeafRef {
-                origin: l.origin,
-                mask: l.mask,
-                values: l.values,
-            })
-        };
+        let leaf = |n: usize| leaf_of(&leaves, n);
         let h = self.voxel_size();
         let smoothed: Result<Smoother, Cancelled> = session.threads.install(|| {
             let mut smoother = Smoother::new(leaves.len(), leaf, h, background);
@@ -59,25 +74,17 @@ impl LevelSet {
             }
         };
         self.change(doing, session, |mut grid, host| {
-            let mut origins = Vec::with_capacity(3 * BATCH);
-            let mut masks = Vec::with_capacity(8 * BATCH);
-            let mut values = Vec::with_capacity(512 * BATCH);
-            let mut put = |leaf: Option<LeafRef>| {
-                if leaf.is_none() || origins.len() == 3 * BATCH {
-                    ffi::grid_put_leaves(grid.as_mut(), &origins, &masks, &values)?;
-                    origins.clear();
-                    masks.clear();
-                    values.clear();
+            let mut batch = LeafBatch::with_capacity(BATCH);
+            for leaf in smoother.leaves() {
+                if let Some(values) = leaf.values.first_chunk() {
+                    batch.push(leaf.origin, leaf.mask, values);
                 }
-                if let Some(leaf) = leaf {
-                    origins.extend(leaf.origin.0);
-                    masks.extend(leaf.mask);
-                    values.extend_from_slice(leaf.values);
+                if batch.len() == BATCH {
+                    put(grid.as_mut(), &batch)?;
+                    batch.clear();
                 }
-                Ok::<_, cxx::Exception>(())
-            };
-            smoother.leaves().try_for_each(|leaf| put(Some(leaf)))?;
-            put(None)?;
+            }
+            put(grid.as_mut(), &batch)?;
             ffi::grid_prune(grid, host)
         })
     }

@@ -105,6 +105,11 @@ const SUBJECTS: &[Subject] = &[
     },
     #[cfg(feature = "vdb")]
     Subject {
+        keys: &["P13.lattice", "P13.far"],
+        measure: filters::moves,
+    },
+    #[cfg(feature = "vdb")]
+    Subject {
         keys: &["P14", "P17.mesh"],
         measure: mesher::against_open_vdb,
     },

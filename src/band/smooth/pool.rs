@@ -1,10 +1,10 @@
 //! Leaves with their neighbours, in two buffers.
 
-use super::super::leaf::{BLOCK, LEAF};
+use super::super::index::Index;
+use super::super::leaf::LEAF;
 use super::LeafRef;
 use crate::frame::Coord;
 use rayon::prelude::*;
-use std::collections::HashMap;
 
 /// Eight voxels along z.
 pub(super) type Row = [f32; 8];
@@ -14,10 +14,6 @@ pub(super) type Values = [Row; 64];
 /// In place of a neighbour that is not there: all of it is outside, or inside.
 const OUTSIDE: u32 = u32::MAX;
 const INSIDE: u32 = u32::MAX - 1;
-/// Of a block's table: no leaf.
-const ABSENT: u32 = u32::MAX;
-/// Leaves along a block's edge.
-const EDGE: usize = (BLOCK / LEAF) as usize;
 
 /// Steps to the six neighbours: before and after along x, y, z.
 const STEPS: [[i32; 3]; 6] = [
@@ -45,29 +41,6 @@ pub(super) struct Pool {
     flat: [Values; 2],
     /// Leaves that were there from the start.
     came: usize,
-}
-
-/// The number of a leaf by its origin.
-#[derive(Default)]
-struct Index(HashMap<Coord, Vec<u32>>);
-
-impl Index {
-    fn slot(origin: Coord) -> usize {
-        (0..3).fold(0, |n, a| {
-            n * EDGE + ((origin[a] & (BLOCK - 1)) / LEAF) as usize
-        })
-    }
-
-    fn enter(&mut self, origin: Coord, leaf: usize) {
-        let block = self.0.entry(origin.aligned(BLOCK));
-        let block = block.or_insert_with(|| vec![ABSENT; EDGE * EDGE * EDGE]);
-        block[Self::slot(origin)] = leaf as u32;
-    }
-
-    fn get(&self, origin: Coord) -> Option<u32> {
-        let block = self.0.get(&origin.aligned(BLOCK))?;
-        Some(block[Self::slot(origin)]).filter(|&leaf| leaf != ABSENT)
-    }
 }
 
 impl Pool {

@@ -1,5 +1,6 @@
 //! How far operations look: the halo that a brick is sampled with.
 
+use super::super::offsets::is_by_points;
 use super::super::operate::unwanted;
 use crate::recipe::{GridWord, Kernel, MesherWord, Op, Output, OutputKind, Recipe, Size};
 use crate::vdb::{REMOVAL_REACH, Unwanted};
@@ -8,6 +9,8 @@ use std::ops::Range;
 /// Voxels that a step of tracking reaches with the scheme of first order, and of fifth: three sweeps
 /// of the stencil and the voxel that the band grows by.
 const TRACK: [f64; 2] = [4.0, 10.0];
+/// Voxels about a point of the surface that say where it is.
+const STENCIL: f64 = 3.0;
 /// Voxels beyond what operations need.
 const MARGIN: f64 = 8.0;
 
@@ -88,8 +91,15 @@ fn reach_of(op: &Op, recipe: &Recipe) -> f64 {
     let half_width = recipe.sections().band.half_width.0;
     let track = TRACK[usize::from(op.is_precise())];
     let voxels = |size: &Size| size.resolve(scale).abs() / scale.voxel_size;
-    // Offsets go in steps of half a voxel, each tracked.
-    let offset = |v: f64, track: f64| (2.0 * v).ceil().max(1.0) * track;
+    // Distances from points of the surface look as far as they go, and as the band is wide; those of
+    // filters go in steps of half a voxel, each tracked.
+    let offset = |v: f64, track: f64| {
+        if is_by_points(op, recipe) {
+            v + half_width + STENCIL
+        } else {
+            (2.0 * v).ceil().max(1.0) * track
+        }
+    };
     let box_filter = |k: &Kernel, passes: f64| {
         let width = k.width.voxels(scale).round().max(1.0);
         f64::from(k.iterations.0) * passes * (width + track)

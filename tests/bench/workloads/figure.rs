@@ -59,6 +59,8 @@ pub const FIGURES: &[Figure] = &[
     figure("P12", "writing a level set against OpenVDB's blosc file", "x", AtMost(1.5, 1.0)),
     figure("P12.size", "bytes of that file against OpenVDB's", "x", AtMost(1.02, 1.0)),
     figure("P13", "dilate by a voxel against OpenVDB's offset", "x", AtLeast(10.0, 50.0)),
+    figure("P13.lattice", "dilate struts in tets by a voxel against OpenVDB's offset", "x", AtLeast(10.0, 50.0)),
+    figure("P13.far", "dilate them by four voxels against OpenVDB's offset", "x", AtLeast(10.0, 50.0)),
     figure("P13.mean", "mean against OpenVDB's", "x", AtLeast(5.0, 10.0)),
     figure("P13.gaussian", "gaussian against OpenVDB's", "x", AtLeast(5.0, 10.0)),
     figure("P14", "meshing against volumeToMesh", "x", AtLeast(1.5, 3.0)),

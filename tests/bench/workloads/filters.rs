@@ -4,6 +4,7 @@ use super::baselines::Box;
 use super::clock::{Spread, in_turn};
 use super::figure::Found;
 use super::w1::Gyroid;
+use super::w2;
 use crate::Setting;
 use druse::field::{Offset, WorldField};
 use druse::frame::Transform;
@@ -71,9 +72,43 @@ pub fn against_openvdb(setting: &Setting) -> Result<Vec<Found>, Fault> {
             &mut || filtered(theirs, true),
         ],
     );
-    let keys = ["P13", "P13.mean", "P13.gaussian"];
+    Ok(found(
+        &["P13", "P13.mean", "P13.gaussian"],
+        &seconds,
+        voxels,
+    ))
+}
+
+/// P13 of a lattice, whose field's distances do not hold a voxel beyond the band: from level set to level
+/// set, by points of the surface against OpenVDB's offset, of first order on one thread; by one voxel and
+/// by four.
+pub fn moves(_: &Setting) -> Result<Vec<Found>, Fault> {
+    let one = Threads::new(1)?;
+    let own = Session::new(&one, &Silent);
+    let theirs = own.with_tools(Tools::OpenVdb);
+    let solid = w2::level_set(&one)?;
+    let voxels = solid.active_voxels()? as f64;
+    let moved = |by: f64, session: Session<'_>| {
+        let mut copy = solid.duplicate().expect("memory for a copy");
+        copy.dilate(by, session).expect("nobody stops it");
+        black_box(&copy);
+    };
+    let seconds = in_turn(
+        ROUNDS,
+        &mut [
+            &mut || moved(1.0, own),
+            &mut || moved(1.0, theirs),
+            &mut || moved(4.0, own),
+            &mut || moved(4.0, theirs),
+        ],
+    );
+    Ok(found(&["P13.lattice", "P13.far"], &seconds, voxels))
+}
+
+/// Figures from times of pairs, ours and theirs in turn.
+fn found(keys: &[&'static str], seconds: &[Vec<f64>], voxels: f64) -> Vec<Found> {
     let pairs = keys.iter().zip(seconds.chunks_exact(2));
-    Ok(pairs
+    pairs
         .map(|(key, pair)| {
             let ratios = Spread::of_ratios(&pair[1], &pair[0]);
             let each = |s: &[f64]| Spread::of(s).median * 1e9 / voxels;
@@ -84,5 +119,5 @@ pub fn against_openvdb(setting: &Setting) -> Result<Vec<Found>, Fault> {
             );
             Found::new(key, ratios.median, note)
         })
-        .collect())
+        .collect()
 }

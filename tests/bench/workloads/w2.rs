@@ -184,6 +184,23 @@ const W3: Keys = Keys {
     threads: "P17.w3",
 };
 
+/// The struts of W2, a quarter as long, as a level set on voxels of 1.
+#[cfg(feature = "vdb")]
+pub fn level_set(threads: &Threads) -> Result<druse::vdb::LevelSet, Fault> {
+    let scaffold = ellipsoid(250.0)?;
+    let table = Table::new(&struts(FEW)?)?;
+    let transform = Transform::new(1.0).ok_or("no voxel size")?;
+    let builder = druse::vdb::LevelSetBuilder::new(transform, 3.0)?;
+    let band = Band {
+        field: &tiled(&scaffold, &table)?,
+        transform,
+        half_width: 3.0,
+        extent: scaffold.bounds(),
+    };
+    band.evaluate(threads, &Silent, &builder)?;
+    Ok(builder.finish(druse::vdb::Session::new(threads, &Silent))?)
+}
+
 /// P7, P8 and the counts of W2.
 pub fn struts_in_tets(setting: &Setting) -> Result<Vec<Found>, Fault> {
     let scaffold = ellipsoid(longest(setting.full))?;

@@ -4,7 +4,7 @@
 
 use super::operations::Op;
 use super::*;
-use druse::vdb::{self, Scheme, VdbWriter};
+use druse::vdb::{self, Scheme, Tools, VdbWriter};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
@@ -77,7 +77,13 @@ fn filters_give_what_vdb_tool_gives() {
     for (space, scheme) in [(1, Scheme::First), (5, Scheme::Weno5)] {
         for (words, op) in &cases {
             let mut ours = LevelSet::read(&path("in.vdb"), None, session()).unwrap();
-            op(&mut ours, session().with_scheme(scheme)).unwrap();
+            // Own moves are other ones, and better.
+            let tools = if words.contains("radius") {
+                Tools::OpenVdb
+            } else {
+                Tools::Own
+            };
+            op(&mut ours, session().with_scheme(scheme).with_tools(tools)).unwrap();
             let mut call = Command::new("vdb_tool");
             call.arg("-quiet").arg("-read").arg(path("in.vdb"));
             call.args(words.split(' ')).arg(format!("space={space}"));

@@ -1,0 +1,174 @@
+//! Distances rebuilt from points of the surface: how a level set is moved by any distance at once.
+//!
+//! Where the surface crosses an edge of the voxel lattice lies a point of it, with a normal and second
+//! derivatives from the voxels about it. The distance of a voxel is that to the surface through its
+//! nearest point q: with h along the normal n, t across it and k = t H t / |t|^2 the curvature of the
+//! distance's Hessian H that way,
+//!
+//! `d = h + k |t|^2 / (2 (1 + h k))`,
+//!
+//! exact to the second order in |t|, which is less than a voxel on a smooth surface, and never more than
+//! |x - q|; signs are those of the level set. So the error does not grow with the distance, whatever
+//! the values were beyond the voxels next to the surface, and half a cell's walls or gaps are no limit.
+//!
+//! A voxel looks at what can be its nearest point only: of the points near a leaf, those near the
+//! 4^3 and 2^3 voxels that it is in. A leaf depends on nothing but the points within reach of it, so that
+//! threads, and bricks whose halo is as wide, do not show.
+
+use super::index::Index;
+use super::leaf::{LEAF, VOXELS};
+use super::smooth::LeafRef;
+use crate::frame::Coord;
+use rayon::prelude::*;
+
+mod points;
+mod search;
+
+use points::{Point, Stencils};
+use search::Search;
+
+/// Least half width in voxels of a band whose surface has points: stencils reach two voxels beyond it.
+const LEAST_HALF_WIDTH: f32 = 3.0;
+/// Half the diagonal of a leaf's samples, voxels.
+const LEAF_RADIUS: f32 = 6.063;
+
+/// Points of the surface of a level set, by the leaves that they lie in.
+pub struct SurfacePoints {
+    points: Vec<Point>,
+    /// Where they lie, by coordinates.
+    at: [Vec<f32>; 3],
+    /// Origins of leaves that hold points, ascending, with the range of theirs.
+    leaves: Vec<(Coord, std::ops::Range<u32>)>,
+    index: Index,
+    voxel_size: f32,
+    background: f32,
+}
+
+/// What a move makes of a leaf.
+#[derive(Clone, Debug)]
+pub struct MovedLeaf {
+    /// Which voxels are active.
+    pub mask: [u64; 8],
+    /// 512 signed distances, world units.
+    pub values: [f32; VOXELS],
+}
+
+impl SurfacePoints {
+    /// Whether a band of so many voxels on each side is wide enough.
+    pub fn suffices(half_width: f64) -> bool {
+        half_width as f32 >= LEAST_HALF_WIDTH
+    }
+
+    /// The points of a closed band: `leaf` gives those from 0 to `count`, from any thread, in ascending
+    /// order of their origins. `voxel_size` and `background` (half width times voxel size) in world
+    /// units. Runs on the calling pool of threads.
+    pub fn new<'a>(
+        count: usize,
+        leaf: impl Fn(usize) -> LeafRef<'a> + Sync,
+        voxel_size: f64,
+        background: f32,
+    ) -> Self {
+        let mut all = Index::default();
+        for n in 0..count {
+            all.enter(leaf(n).origin, n);
+        }
+        let voxel_size = voxel_size as f32;
+        let found: Vec<(Coord, Vec<Point>)> = (0..count)
+            .into_par_iter()
+            .with_min_len(32)
+            .map_init(Stencils::default, |stencils, n| {
+                let own = leaf(n);
+                if own.mask == [0; 8] {
+                    return (own.origin, Vec::new());
+                }
+                let values = |origin: Coord| Some(leaf(all.get(origin)? as usize).values);
+                stencils.gather(&own, values, voxel_size, background);
+                (own.origin, stencils.points())
+            })
+            .collect();
+        let mut surface = Self {
+            points: Vec::with_capacity(found.iter().map(|f| f.1.len()).sum()),
+            at: Default::default(),
+            leaves: Vec::new(),
+            index: Index::default(),
+            voxel_size,
+            background,
+        };
+        for (origin, points) in found.into_iter().filter(|f| !f.1.is_empty()) {
+            let first = surface.points.len() as u32;
+            for (a, at) in surface.at.iter_mut().enumerate() {
+                at.extend(points.iter().map(|p| p.at[a]));
+            }
+            surface.points.extend(points);
+            surface.index.enter(origin, surface.leaves.len());
+            let range = first..surface.points.len() as u32;
+            surface.leaves.push((origin, range));
+        }
+        surface
+    }
+
+    /// Number of points.
+    pub fn len(&self) -> usize {
+        self.points.len()
+    }
+
+    /// Whether there is no surface.
+    pub fn is_empty(&self) -> bool {
+        self.points.is_empty()
+    }
+
+    /// Farthest that a point can matter, voxels, when the surface is moved by `by` world units.
+    fn reach(&self, by: f64) -> f32 {
+        (by.abs() as f32 + self.background) / self.voxel_size
+    }
+
+    /// Origins of the leaves that a move by `by` (world units) can change but for the sign of all of them,
+    /// ascending.
+    pub fn leaves_within(&self, by: f64) -> Vec<Coord> {
+        let around = search::around(self.reach(by));
+        let near = |&(origin, _): &(Coord, _)| {
+            let steps = around.iter();
+            let all = steps.map(move |s| origin.offset(LEAF * s[0], LEAF * s[1], LEAF * s[2]));
+            all.collect::<Vec<_>>()
+        };
+        // By the stretch, since neighbours are near the same leaves.
+        let mut found: Vec<Coord> = self
+            .leaves
+            .par_chunks(256)
+            .flat_map_iter(|part| {
+                let mut found: Vec<Coord> = part.iter().flat_map(near).collect();
+                found.sort_unstable();
+                found.dedup();
+                found
+            })
+            .collect();
+        found.par_sort_unstable();
+        found.dedup();
+        found
+    }
+
+    /// The leaf at `origin` with the surface moved outwards by `by` world units (inwards if negative).
+    /// `inside` says which of its voxels lay inside, laid out as masks.
+    pub fn moved(&self, origin: Coord, inside: &[u64; 8], by: f64) -> MovedLeaf {
+        let mut search = Search::new(
+            inside,
+            by as f32 / self.voxel_size,
+            self.background / self.voxel_size,
+        );
+        let most = search.most(*inside);
+        if most > 0.0 {
+            let steps = search::around(most);
+            for step in &steps {
+                let [x, y, z] = step.map(|s| LEAF * s);
+                let Some(number) = self.index.get(origin.offset(x, y, z)) else {
+                    continue;
+                };
+                let range = &self.leaves[number as usize].1;
+                let all = range.start as usize..range.end as usize;
+                let places = [0, 1, 2].map(|a| &self.at[a][all.clone()]);
+                search.enter(places, range.start, [x, y, z]);
+            }
+        }
+        search.leaf(&self.points, self.voxel_size, self.background)
+    }
+}

@@ -1,0 +1,95 @@
+//! Moving the surface by this crate's own hands: distances rebuilt from points of the surface.
+
+use super::smooth::{leaf_of, put};
+use super::{LevelSet, Scheme, Session, Tools, VdbError, ffi};
+use crate::band::{LeafBatch, SurfacePoints};
+use crate::frame::Coord;
+use crate::progress::Cancelled;
+use rayon::prelude::*;
+
+/// Leaves that a thread takes at a time, between two looks at whether the user asked to stop.
+const CHUNK: usize = 64;
+
+impl LevelSet {
+    /// Whether the surface is moved by own hands.
+    pub(super) fn moves_by_points(&self, session: Session<'_>) -> bool {
+        session.scheme == Scheme::First
+            && session.tools == Tools::Own
+            && SurfacePoints::suffices(self.half_width)
+    }
+
+    /// Moves the surface outwards (inwards if negative) by so many world units, at once.
+    pub(super) fn move_by_points(
+        &mut self,
+        doing: &'static str,
+        outwards: f64,
+        session: Session<'_>,
+    ) -> Result<(), VdbError> {
+        let background = self.background() as f32;
+        let moved = session
+            .threads
+            .install(|| self.moved(outwards, background, session));
+        let moved = match moved {
+            Ok(moved) => moved,
+            Err(error) => {
+                let failed = |e: cxx::Exception| VdbError::of(doing, session, &e);
+                ffi::grid_clear(self.grid.pin_mut()).map_err(failed)?;
+                return Err(error);
+            }
+        };
+        self.change(doing, session, |mut grid, host| {
+            for batch in &moved {
+                put(grid.as_mut(), batch)?;
+            }
+            drop(moved);
+            ffi::grid_prune(grid, host)
+        })
+    }
+
+    /// The leaves that are different then.
+    fn moved(
+        &self,
+        outwards: f64,
+        background: f32,
+        session: Session<'_>,
+    ) -> Result<Vec<LeafBatch>, VdbError> {
+        let leaves = self.leaves()?;
+        let own: Vec<Coord> = leaves.iter().map(|l| l.origin).collect();
+        let leaf = |n: usize| leaf_of(&leaves, n);
+        let surface = SurfacePoints::new(leaves.len(), leaf, self.voxel_size(), background);
+        let mut all = surface.leaves_within(outwards);
+        let there = |origin: &Coord| own.binary_search(origin);
+        let new: Vec<Coord> = all.iter().filter(|o| there(o).is_err()).copied().collect();
+        let signs = self.values(&new)?;
+        all.extend(&own);
+        all.par_sort_unstable();
+        all.dedup();
+        let one = |origin: Coord, batch: &mut LeafBatch| {
+            let own = there(&origin).ok();
+            let inside = own.map_or_else(
+                || {
+                    let sign = new.binary_search(&origin).map_or(0.0, |n| signs[n]);
+                    [if sign < 0.0 { u64::MAX } else { 0 }; 8]
+                },
+                |n| leaf(n).inside(),
+            );
+            let moved = surface.moved(origin, &inside, outwards);
+            let is_same = moved.mask == [0; 8] && (moved.values[0] < 0.0) == (inside[0] & 1 == 1);
+            if own.is_some() || !is_same {
+                batch.push(origin, moved.mask, &moved.values);
+            }
+        };
+        all.par_chunks(CHUNK)
+            .map(|chunk| {
+                if session.progress.cancelled() {
+                    return Err(VdbError::Cancelled(Cancelled));
+                }
+                let mut batch = LeafBatch::default();
+                for &origin in chunk {
+                    one(origin, &mut batch);
+                }
+                Ok(batch)
+            })
+            .collect()
+    }
+}
