@@ -60,8 +60,12 @@ pub trait Lanes: Copy {
     /// The sum of each of four rows.
     fn sums(self, rows: [Self::F; 4]) -> [f32; 4];
 
+    /// Eight numbers from two rows of four.
+    fn both(self, low: [f32; 4], high: [f32; 4]) -> Self::F;
     /// Four doubles from memory.
     fn four(self, v: [f64; 4]) -> Self::D;
+    /// Four points, by coordinate.
+    fn turned(self, points: [[f64; 3]; 4]) -> [Self::D; 3];
     /// The same double four times.
     fn all_four(self, v: f64) -> Self::D;
     /// a + b.

@@ -251,18 +251,16 @@ impl Element {
     /// do not regard z; that of the ball is the distance to the sphere.
     pub fn face_distance(self, p: CellPoint<3>) -> f64 {
         let x = p.0;
+        // One instruction, unlike `f64::max`.
+        let greater = |a: f64, b: f64| if a > b { a } else { b };
         let triangle = || (x.x.abs() * H + x.y * 0.5).max(-x.y) - H / 3.0;
         match self {
             Self::Tet => {
-                let sums = [
-                    x.x + x.y + x.z,
-                    x.x - x.y - x.z,
-                    -x.x + x.y - x.z,
-                    -x.x - x.y + x.z,
-                ];
-                (sums.into_iter().fold(f64::NEG_INFINITY, f64::max) - 0.5) / 3f64.sqrt()
+                let one = greater(x.x + x.y + x.z, x.x - x.y - x.z);
+                let other = greater(-x.x + x.y - x.z, -x.x - x.y + x.z);
+                (greater(one, other) - 0.5) / 3f64.sqrt()
             }
-            Self::Hex => x.amax() - 0.5,
+            Self::Hex => greater(greater(x.x.abs(), x.y.abs()), x.z.abs()) - 0.5,
             Self::Quad => x.x.abs().max(x.y.abs()) - 0.5,
             Self::Tri => triangle(),
             Self::Wedge => triangle().max(x.z.abs() - 0.5),

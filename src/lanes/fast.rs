@@ -85,6 +85,21 @@ impl Lanes for Wide {
         cast(self.0.sse._mm_add_ps(low, high))
     }
     #[inline(always)]
+    fn both(self, low: [f32; 4], high: [f32; 4]) -> f32x8 {
+        let low = self.0.avx._mm256_castps128_ps256(cast(low));
+        cast(self.0.avx._mm256_insertf128_ps::<1>(low, cast(high)))
+    }
+    #[inline(always)]
+    fn turned(self, [a, b, c, d]: [[f64; 3]; 4]) -> [f64x4; 3] {
+        // Built in registers: rows stored by parts could not be loaded as a whole at once.
+        let avx = self.0.avx;
+        [
+            cast(avx._mm256_set_pd(d[0], c[0], b[0], a[0])),
+            cast(avx._mm256_set_pd(d[1], c[1], b[1], a[1])),
+            cast(avx._mm256_set_pd(d[2], c[2], b[2], a[2])),
+        ]
+    }
+    #[inline(always)]
     fn four(self, v: [f64; 4]) -> f64x4 {
         cast(v)
     }

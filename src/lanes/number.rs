@@ -83,12 +83,9 @@ impl<L: Lanes> Four<L> {
 
     /// Four points, by coordinates.
     #[inline(always)]
-    pub fn points(lanes: L, [a, b, c, d]: [[f64; 3]; 4]) -> [Self; 3] {
-        [
-            Self::of(lanes, [a[0], b[0], c[0], d[0]]),
-            Self::of(lanes, [a[1], b[1], c[1], d[1]]),
-            Self::of(lanes, [a[2], b[2], c[2], d[2]]),
-        ]
+    pub fn points(lanes: L, points: [[f64; 3]; 4]) -> [Self; 3] {
+        let [x, y, z] = lanes.turned(points);
+        [Self(lanes, x), Self(lanes, y), Self(lanes, z)]
     }
 
     /// To memory.

@@ -77,6 +77,19 @@ impl Lanes for Plain {
         })
     }
     #[inline(always)]
+    fn both(self, low: [f32; 4], high: [f32; 4]) -> f32x8 {
+        let ([a, b, c, d], [e, f, g, h]) = (low, high);
+        f32x8::new([a, b, c, d, e, f, g, h])
+    }
+    #[inline(always)]
+    fn turned(self, [a, b, c, d]: [[f64; 3]; 4]) -> [Self::D; 3] {
+        [
+            [a[0], b[0], c[0], d[0]],
+            [a[1], b[1], c[1], d[1]],
+            [a[2], b[2], c[2], d[2]],
+        ]
+    }
+    #[inline(always)]
     fn four(self, v: [f64; 4]) -> [f64; 4] {
         v
     }

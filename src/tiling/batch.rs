@@ -2,15 +2,15 @@
 //!
 //! Blocks of 2^3 samples that lie in one element are first asked at their centre: with L the slope's
 //! bound and R the block's half diagonal, |F| >= L (R + w) there decides all of them. Samples that are
-//! left are asked for their value; where second derivatives of the map place the block's corners within
-//! 1e-7 of the cell, they place all of it, else Newton's method does. Those with |F| < L w are seated in
-//! their owner and in the elements that share in the blend, which are asked for gradients, there and one
-//! step on. What comes out is what single points give, but for those 1e-7.
+//! left are asked for value and gradient; where second derivatives of the map place the block's corners
+//! within 1e-7 of the cell, they place all of it, else Newton's method does. Those with |F| < L w are
+//! seated in their owner and in the elements that share in the blend, which are asked for gradients, there
+//! and one step on. What comes out is what single points give, but for those 1e-7.
 
 mod seats;
 
 use super::near::{Asking, Known, Local, Owner};
-use super::patch::{Spot, Spots};
+use super::patch::{Patch, Spot, Spots};
 use super::trail::Trail;
 use super::walk::Leg;
 use super::{Filling, TiledSolid};
@@ -37,8 +37,8 @@ struct Item {
 /// How a sample was placed in its owner.
 #[derive(Clone, Copy)]
 enum How {
-    /// From the centre of a block.
-    Block(u32),
+    /// By a trail.
+    Trail(u32),
     /// By itself, with d xi / d x in a list.
     Alone(u32),
 }
@@ -48,8 +48,8 @@ struct Block {
     number: usize,
     place: usize,
     radius: f64,
-    /// Its centre.
-    trail: Trail,
+    /// Its centre's; that of a straight element holds everywhere.
+    trail: u32,
     /// Whether its samples are where they are guessed to be.
     is_smooth: bool,
     depth: f64,
@@ -66,10 +66,37 @@ struct Questions {
     points: Vec<CellPoint<3>>,
 }
 
+/// Trails that place samples.
+#[derive(Default)]
+struct Trails {
+    all: Vec<Trail>,
+    /// Numbers of those of straight elements, by place.
+    straight: Vec<Option<u32>>,
+}
+
+impl Trails {
+    fn add(&mut self, trail: Trail) -> u32 {
+        self.all.push(trail);
+        self.all.len() as u32 - 1
+    }
+
+    /// The one trail of a straight element.
+    fn of_straight(&mut self, place: usize, patch: &Patch) -> Option<u32> {
+        if !patch.is_affine() {
+            return None;
+        }
+        if self.straight[place].is_none() {
+            self.straight[place] = Some(self.add(patch.start()));
+        }
+        self.straight[place]
+    }
+}
+
 /// Room for the work, kept between boxes.
 #[derive(Default)]
 pub(super) struct Batch {
     blocks: Vec<Block>,
+    trails: Trails,
     /// Samples whose element is not known from their block's.
     open: Vec<Target>,
     at: Vec<Vec3>,
@@ -79,15 +106,18 @@ pub(super) struct Batch {
     items: Vec<Item>,
     /// d xi / d x of items that were placed alone.
     alone: Vec<Mat3>,
-    /// One for every item.
+    /// One for every item, or for every block.
     asked: Questions,
+    /// Values at the centres of blocks.
     values: Vec<f64>,
+    /// Values and gradients of items in their owners.
+    own: Vec<(f64, Vec3)>,
     /// Items in the band near faces.
     shared: Vec<u32>,
     seats: Vec<Seat>,
     /// One for every seat.
     points: Vec<CellPoint<3>>,
-    /// One for every seat that no block has d xi / d x for.
+    /// One for every seat that no trail has d xi / d x for.
     inverses: Vec<Mat3>,
     slopes: Vec<(f64, Vec3)>,
     legs: Vec<Leg>,
@@ -172,7 +202,7 @@ impl<F: Filling> TiledSolid<'_, F> {
                     found(t, d);
                 }
             } else {
-                self.enter_block(local, samples, (block, next), batch);
+                self.enter_block(local, samples, block, batch);
             }
             next += 1;
         }
@@ -181,7 +211,7 @@ impl<F: Filling> TiledSolid<'_, F> {
             let d = self.value_at(component, local, t.x, known);
             out[t.n as usize] = d as f32;
         });
-        self.ask_values(local, batch);
+        self.ask_owners(local, batch);
         let mut found = |t: &Target, d: f64| {
             out[t.n as usize] = self.cut(component, d, t.x, known) as f32;
         };
@@ -192,6 +222,9 @@ impl<F: Filling> TiledSolid<'_, F> {
     /// Finds the blocks that lie in one element, and the field at their centres.
     fn find_blocks(&self, local: &mut Local, blocks: &[Vec<Target>], batch: &mut Batch) {
         batch.blocks.clear();
+        batch.trails.all.clear();
+        batch.trails.straight.clear();
+        batch.trails.straight.resize(local.near.patches.len(), None);
         batch.asked.clear();
         batch.at.clear();
         batch.at.extend(blocks.iter().map(|b| ball(b).0));
@@ -206,18 +239,28 @@ impl<F: Filling> TiledSolid<'_, F> {
             if depth <= radius {
                 continue;
             }
-            // Second derivatives change little from block to block.
-            let trail = match batch.blocks.last().filter(|b| b.place == *place) {
-                Some(last) => last.trail.moved(x, spot),
-                None => self.note_trail(local, *place, x, spot),
+            let straight = batch.trails.of_straight(*place, patch);
+            let trail = straight.unwrap_or_else(|| {
+                // Second derivatives change little from block to block.
+                let last = batch.blocks.last().filter(|b| b.place == *place);
+                let trail = match last {
+                    Some(last) => batch.trails.all[last.trail as usize].moved(x, spot),
+                    None => self.note_trail(local, *place, x, spot),
+                };
+                batch.trails.add(trail)
+            });
+            let error = || {
+                let trail = &batch.trails.all[trail as usize];
+                patch.error(self.scaffold, trail, corners(&blocks[number]))
             };
+            let is_smooth = straight.is_some() || error() < GOOD;
             batch.asked.push(*place as u32, spot.xi);
             batch.blocks.push(Block {
                 number,
                 place: *place,
                 radius,
                 trail,
-                is_smooth: patch.error(self.scaffold, &trail, corners(&blocks[number])) < GOOD,
+                is_smooth,
                 depth,
                 f: 0.0,
             });
@@ -228,14 +271,8 @@ impl<F: Filling> TiledSolid<'_, F> {
         }
     }
 
-    /// Enters the samples of a block that lies in one element; its number is that among such blocks.
-    fn enter_block(
-        &self,
-        local: &Local,
-        samples: &[Target],
-        (block, number): (&Block, usize),
-        batch: &mut Batch,
-    ) {
+    /// Enters the samples of a block that lies in one element.
+    fn enter_block(&self, local: &Local, samples: &[Target], block: &Block, batch: &mut Batch) {
         // A voxel stands for all depths that are more.
         let sure = block.depth - block.radius;
         let patch = self.patch(local, block.place);
@@ -243,7 +280,8 @@ impl<F: Filling> TiledSolid<'_, F> {
         batch.at.extend(samples.iter().map(|t| t.x));
         if block.is_smooth {
             let first = batch.asked.points.len();
-            block.trail.guess_all(&batch.at, &mut batch.asked.points);
+            let trail = &batch.trails.all[block.trail as usize];
+            trail.guess_all(&batch.at, &mut batch.asked.points);
             let place = block.place as u32;
             batch.asked.places.resize(batch.asked.points.len(), place);
             for (&target, xi) in samples.iter().zip(&batch.asked.points[first..]) {
@@ -255,18 +293,19 @@ impl<F: Filling> TiledSolid<'_, F> {
                 batch.items.push(Item {
                     target,
                     place,
-                    how: How::Block(number as u32),
+                    how: How::Trail(block.trail),
                     depth,
                 });
             }
             return;
         }
         let mut found = std::mem::take(&mut batch.found);
-        let (all, mut trail) = ((&*batch.at, f64::INFINITY), block.trail);
+        let all = (&*batch.at, f64::INFINITY);
+        let mut trail = batch.trails.all[block.trail as usize];
         patch.spots(self.scaffold, all, (&mut trail, true), &mut found);
         for (&target, spot) in samples.iter().zip(&found.all) {
             match spot {
-                Some(spot) => batch.enter_alone(target, block.place, spot, patch.depth(spot)),
+                Some(spot) => batch.enter_alone(target, block.place, spot, patch),
                 None => batch.open.push(target),
             }
         }
@@ -290,14 +329,39 @@ impl<F: Filling> TiledSolid<'_, F> {
         for (n, owner) in owners.iter().enumerate() {
             let target = batch.open[n];
             if let Some(Owner { place, spot }) = owner {
-                let depth = self.patch(local, *place).depth(spot);
-                batch.enter_alone(target, *place, spot, depth);
+                batch.enter_alone(target, *place, spot, self.patch(local, *place));
             } else {
                 batch.looked += 1;
                 strays(local, &target);
             }
         }
         batch.owners = owners;
+    }
+
+    /// The field and its gradient at all samples, in their owners.
+    fn ask_owners(&self, local: &Local, batch: &mut Batch) {
+        let Batch { asked, own, .. } = &mut *batch;
+        own.resize(asked.points.len(), (0.0, Vec3::zeros()));
+        let mut first = 0;
+        for run in asked.places.chunk_by(|a, b| a == b) {
+            let all = first..first + run.len();
+            first = all.end;
+            let place = run[0] as usize;
+            self.ask_slopes(local, place, &asked.points[all.clone()], &mut own[all]);
+        }
+        batch.looked += batch.asked.points.len() as u64;
+    }
+
+    /// Values and gradients at points of one of the near elements.
+    fn ask_slopes(
+        &self,
+        local: &Local,
+        place: usize,
+        points: &[CellPoint<3>],
+        slopes: &mut [(f64, Vec3)],
+    ) {
+        let element = local.near.patches[place] as usize;
+        self.filling.slopes(element, points, slopes);
     }
 
     /// The field at all points that are asked for.
@@ -318,10 +382,15 @@ impl<F: Filling> TiledSolid<'_, F> {
 
 impl Batch {
     /// Enters a sample that was placed in its owner by itself.
-    fn enter_alone(&mut self, target: Target, place: usize, spot: &Spot, depth: f64) {
-        let how = How::Alone(self.alone.len() as u32);
-        let place = place as u32;
-        self.alone.push(spot.inverse);
+    fn enter_alone(&mut self, target: Target, place: usize, spot: &Spot, patch: &Patch) {
+        let how = match self.trails.of_straight(place, patch) {
+            Some(trail) => How::Trail(trail),
+            None => {
+                self.alone.push(spot.inverse);
+                How::Alone(self.alone.len() as u32 - 1)
+            }
+        };
+        let (place, depth) = (place as u32, patch.depth(spot));
         self.asked.push(place, spot.xi);
         self.items.push(Item {
             target,

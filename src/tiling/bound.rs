@@ -32,7 +32,7 @@ impl<F: Filling> TiledSolid<'_, F> {
         if self.is_cut() && !boundary.bounds().dilated(w).meets(*region) {
             return Interval::new(w, w);
         }
-        let depth = self.boundary_range(component, region);
+        let depth = self.boundary_range(component, region, Interval::ALL);
         if self.is_cut() && depth.lo >= w {
             return Interval::new(w, w);
         }

@@ -3,7 +3,7 @@
 use super::batch::{Batch, Target};
 use super::near::{Known, Local, Near};
 use super::{Distance, Filling, TiledSolid};
-use crate::field::{Field, Point, SampleLattice};
+use crate::field::{Field, Interval, Point, SampleLattice};
 use crate::frame::{Aabb, Vec3, WorldPoint};
 use std::cell::Cell;
 
@@ -87,7 +87,7 @@ impl<F: Filling> TiledSolid<'_, F> {
         let Scratch { blocks, batch, .. } = scratch;
         let w = self.options.half_width;
         let span = lattice.span();
-        let whole_depth = self.boundary_range(component, &span);
+        let whole_depth = self.boundary_range(component, &span, Interval::ALL);
         if self.is_cut() && whole_depth.lo >= w {
             out.fill(w as f32);
             return;
@@ -101,7 +101,7 @@ impl<F: Filling> TiledSolid<'_, F> {
             let depth = if whole_depth.hi <= -w {
                 whole_depth
             } else {
-                self.boundary_range(component, &region)
+                self.boundary_range(component, &region, whole_depth)
             };
             let mut known = Known {
                 constant: None,

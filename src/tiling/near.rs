@@ -392,13 +392,18 @@ impl<F: Filling> TiledSolid<'_, F> {
         Some((Owner { place, spot }, point))
     }
 
-    /// Bounds of the signed distance to a component's boundary over a box. What lies beyond -w or
-    /// w is not told apart, except outside where the boundary does not cut.
-    pub(super) fn boundary_range(&self, component: usize, region: &Aabb) -> Interval {
+    /// Bounds of the signed distance to a component's boundary over a box, within those of a wider one.
+    /// What lies beyond -w or w is not told apart, except outside where the boundary does not cut.
+    pub(super) fn boundary_range(
+        &self,
+        component: usize,
+        region: &Aabb,
+        wider: Interval,
+    ) -> Interval {
         let boundary = &self.components[component].boundary;
         let (centre, radius) = (region.centre().0, region.half_diagonal());
         let reach = radius + self.options.half_width + self.chord_slack();
-        let inside = boundary.contains(centre);
+        let inside = wider.hi < 0.0 || (wider.lo <= 0.0 && boundary.contains(centre));
         let closest = if self.is_cut() || inside {
             boundary.closest_within(centre, reach)
         } else {

@@ -221,7 +221,7 @@ impl Patch {
             x: *centre,
             xi: Vec3::zeros(),
             inverse: *matrix,
-            bend: Default::default(),
+            bend: None,
         }
     }
 
@@ -327,12 +327,9 @@ impl Patch {
         Pace::new(self.slope_rms, self.slope_sup, half_width, voxel_size)
     }
 
-    /// By how much, in reference units, a trail errs at one of four points of the element at most; nothing
-    /// is known of pyramids whose map is no polynomial.
+    /// By how much, in reference units, a trail errs at one of four points of a curved element at most;
+    /// nothing is known of pyramids whose map is no polynomial.
     pub fn error(&self, scaffold: &Scaffold, trail: &Trail, points: [Vec3; 4]) -> f64 {
-        if self.is_affine() {
-            return 0.0;
-        }
         self.curve(scaffold)
             .map_or(f64::INFINITY, |c| c.error(trail, points))
     }
@@ -340,12 +337,11 @@ impl Patch {
     /// A trail from a point as the element has placed it.
     pub fn trail(&self, scaffold: &Scaffold, x: Vec3, spot: &Spot) -> Trail {
         let (xi, inverse) = (spot.xi, spot.inverse);
-        let bend = self.curve(scaffold).map(|c| c.bend(xi, &inverse));
         Trail {
             x,
             xi,
             inverse,
-            bend: bend.unwrap_or_default(),
+            bend: self.curve(scaffold).map(|c| c.bend(xi, &inverse)),
         }
     }
 

@@ -38,7 +38,7 @@ pub trait CellField: Field<Point = CellPoint<3>> {
 }
 
 /// Points that a table is asked for together.
-const TOGETHER: usize = 64;
+const TOGETHER: usize = 16;
 
 impl CellField for Table {
     fn element(&self) -> Element {

@@ -15,9 +15,9 @@ pub(super) struct Trail {
     pub xi: Vec3,
     /// d xi / d x.
     pub inverse: Mat3,
-    /// Half the second derivatives of xi by x: by x x, y y, z z, and twice that by x y, y z, z x; or
-    /// nothing, if they are not known.
-    pub bend: [Vec3; 6],
+    /// Half the second derivatives of xi by x: by x x, y y, z z, and twice that by x y, y z, z x, if they
+    /// are known and not 0.
+    pub bend: Option<[Vec3; 6]>,
 }
 
 impl Trail {
@@ -37,9 +37,12 @@ impl Trail {
         let like = x[0];
         let d = difference(x, alike(like, self.x));
         let mut xi = product(self.rows(like), d, alike(like, self.xi));
+        let Some(bend) = &self.bend else {
+            return xi;
+        };
         let [p, q, r] = d;
         let second = [p * p, q * q, r * r, p * q, q * r, r * p];
-        for (bend, second) in self.bend.iter().zip(second) {
+        for (bend, second) in bend.iter().zip(second) {
             for (to, bend) in xi.iter_mut().zip(alike(like, *bend)) {
                 *to = second.fused(bend, *to);
             }
@@ -53,12 +56,15 @@ impl Trail {
         // Which second derivatives each column grows by, along x, y and z.
         const GROW: [[usize; 3]; 3] = [[0, 3, 5], [3, 1, 4], [5, 4, 2]];
         let like = x[0];
-        let d = difference(x, alike(like, self.x));
         let mut by = self.rows(like);
+        let Some(bend) = &self.bend else {
+            return by;
+        };
+        let d = difference(x, alike(like, self.x));
         for (column, grow) in GROW.iter().enumerate() {
             for (axis, (&n, d)) in grow.iter().zip(d).enumerate() {
                 let d = if axis == column { d + d } else { d };
-                for (row, bend) in by.iter_mut().zip(alike(like, self.bend[n])) {
+                for (row, bend) in by.iter_mut().zip(alike(like, bend[n])) {
                     row[column] = d.fused(bend, row[column]);
                 }
             }
@@ -98,7 +104,12 @@ impl Work for Guess<'_> {
         for points in points.chunks(4) {
             let [x, y, z] = trail.guess_row(rows(lanes, points));
             let (x, y, z) = (x.row(), y.row(), z.row());
-            let all = [0, 1, 2, 3].map(|n| CellPoint(Vec3::new(x[n], y[n], z[n])));
+            let all = [
+                CellPoint(Vec3::new(x[0], y[0], z[0])),
+                CellPoint(Vec3::new(x[1], y[1], z[1])),
+                CellPoint(Vec3::new(x[2], y[2], z[2])),
+                CellPoint(Vec3::new(x[3], y[3], z[3])),
+            ];
             found.extend_from_slice(&all[..points.len()]);
         }
     }

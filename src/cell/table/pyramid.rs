@@ -19,11 +19,59 @@ impl Range {
         greatest: f32::NEG_INFINITY,
         steepest: 0.0,
     };
+}
 
+/// Steps from 0 to the greatest number that windows hold.
+const STEPS: f32 = 32_000.0;
+
+/// A range in steps, rounded outwards: - least, greatest, steepest.
+#[derive(Clone, Copy)]
+struct Window([i16; 4]);
+
+impl Window {
+    const NOTHING: Self = Self([i16::MIN, i16::MIN, 0, 0]);
+
+    #[inline]
     fn join(&mut self, other: &Self) {
-        self.least = self.least.min(other.least);
-        self.greatest = self.greatest.max(other.greatest);
-        self.steepest = self.steepest.max(other.steepest);
+        for (a, b) in self.0.iter_mut().zip(other.0) {
+            *a = (*a).max(b);
+        }
+    }
+}
+
+/// What a step is worth: of coefficients, and of the gradient's length.
+#[derive(Clone, Copy)]
+struct Units {
+    value: f32,
+    slope: f32,
+}
+
+impl Units {
+    /// For numbers up to these.
+    fn new(largest: f32, steepest: f32) -> Self {
+        let unit = |most: f32| if most > 0.0 { most / STEPS } else { 1.0 };
+        Self {
+            value: unit(largest),
+            slope: unit(steepest),
+        }
+    }
+
+    fn window(&self, range: &Range) -> Window {
+        let steps = |v: f32, unit: f32| (v / unit).ceil() as i16;
+        Window([
+            steps(-range.least, self.value),
+            steps(range.greatest, self.value),
+            steps(range.steepest, self.slope),
+            0,
+        ])
+    }
+
+    fn range(&self, Window([least, greatest, steepest, _]): Window) -> Range {
+        Range {
+            least: -f32::from(least) * self.value,
+            greatest: f32::from(greatest) * self.value,
+            steepest: f32::from(steepest) * self.slope,
+        }
     }
 }
 
@@ -33,11 +81,11 @@ struct Level {
     width: usize,
     stride: [usize; 3],
     count: [usize; 3],
-    windows: Vec<Range>,
+    windows: Vec<Window>,
 }
 
 impl Level {
-    fn at(&self, i: usize, j: usize, k: usize) -> &Range {
+    fn at(&self, i: usize, j: usize, k: usize) -> &Window {
         &self.windows[(i * self.count[1] + j) * self.count[2] + k]
     }
 }
@@ -46,6 +94,7 @@ impl Level {
 pub(super) struct Pyramid {
     samples: [usize; 3],
     largest: f32,
+    units: Units,
     /// In ascending order of width; the last one holds everything.
     levels: Vec<Level>,
 }
@@ -56,17 +105,19 @@ const LOOK_UPS: usize = 64;
 impl Pyramid {
     /// From the padded coefficients of a grid.
     pub fn new(coefficients: &[f32], grid: &Grid) -> Self {
-        let mut levels = vec![base(coefficients, grid)];
+        let largest = coefficients.iter().fold(0f32, |m, c| m.max(c.abs()));
+        let (units, base) = base(coefficients, grid, largest);
+        let mut levels = vec![base];
         while let Some(last) = levels.last() {
             let Some(next) = wider(last, grid.samples) else {
                 break;
             };
             levels.push(next);
         }
-        let largest = coefficients.iter().fold(0f32, |m, c| m.max(c.abs()));
         Self {
             samples: grid.samples,
             largest,
+            units,
             levels,
         }
     }
@@ -79,7 +130,7 @@ impl Pyramid {
     pub fn bytes(&self) -> usize {
         self.levels
             .iter()
-            .map(|l| l.windows.len() * size_of::<Range>())
+            .map(|l| size_of_val(l.windows.as_slice()))
             .sum()
     }
 
@@ -126,11 +177,11 @@ impl Pyramid {
             };
             (s / stride) % level.count[a]
         };
-        let mut range = Range::NOTHING;
+        let mut window = Window::NOTHING;
         for i in 0..ni {
             for j in 0..nj {
                 for k in 0..nk {
-                    range.join(level.at(
+                    window.join(level.at(
                         start(0, i0, ni, i),
                         start(1, j0, nj, j),
                         start(2, k0, nk, k),
@@ -138,7 +189,7 @@ impl Pyramid {
                 }
             }
         }
-        range
+        self.units.range(window)
     }
 }
 
@@ -174,27 +225,30 @@ pub(super) fn scan(c: &[f32], grid: &Grid, [x, y, z]: [usize; 3], edge: usize) -
     range
 }
 
-/// Windows of two spline cells, side by side.
-fn base(coefficients: &[f32], grid: &Grid) -> Level {
+/// Windows of two spline cells, side by side, and what their steps are worth.
+fn base(coefficients: &[f32], grid: &Grid, largest: f32) -> (Units, Level) {
     use rayon::prelude::*;
     let count = grid.samples.map(|n| n.div_ceil(2));
     let plane_size = count[1] * count[2];
-    let mut windows = vec![Range::NOTHING; count[0] * plane_size];
-    windows
+    let mut ranges = vec![Range::NOTHING; count[0] * plane_size];
+    ranges
         .par_chunks_mut(plane_size)
         .enumerate()
         .for_each(|(i, plane)| {
-            for (jk, window) in plane.iter_mut().enumerate() {
+            for (jk, range) in plane.iter_mut().enumerate() {
                 let (j, k) = (jk / count[2], jk % count[2]);
-                *window = scan(coefficients, grid, [2 * i, 2 * j, 2 * k], 2);
+                *range = scan(coefficients, grid, [2 * i, 2 * j, 2 * k], 2);
             }
         });
-    Level {
+    let steepest = ranges.iter().fold(0f32, |m, r| m.max(r.steepest));
+    let units = Units::new(largest, steepest);
+    let level = Level {
         width: 2,
         stride: [2; 3],
         count,
-        windows,
-    }
+        windows: ranges.iter().map(|r| units.window(r)).collect(),
+    };
+    (units, level)
 }
 
 /// Windows twice as wide; an axis' stride doubles once they overlap by three quarters.
@@ -213,7 +267,7 @@ fn wider(last: &Level, samples: [usize; 3]) -> Option<Level> {
     for i in 0..count[0] {
         for j in 0..count[1] {
             for k in 0..count[2] {
-                let mut window = Range::NOTHING;
+                let mut window = Window::NOTHING;
                 for d in 0..8 {
                     let at = |c: usize, a: usize| {
                         (c * step[a] + (d >> (2 - a) & 1) * half[a]) % last.count[a]

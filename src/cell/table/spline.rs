@@ -50,8 +50,10 @@ pub(super) struct Spline {
     per_unit: [f32; 3],
     /// Distance in the table of neighbours along each axis.
     strides: [f64; 3],
-    /// The same along x.
-    plane: usize,
+    /// Distance of the four planes along x from the first.
+    planes: [usize; 4],
+    /// Where the last patch of the first plane starts.
+    last: f64,
     is_portable: bool,
 }
 
@@ -85,6 +87,18 @@ impl Work for Samples<'_> {
     }
 }
 
+/// Four of some points; the last one again beyond their end.
+#[inline(always)]
+fn four(points: &[CellPoint<3>], first: usize) -> [[f64; 3]; 4] {
+    let last = points.len() - 1;
+    [
+        points[first.min(last)].0.into(),
+        points[(first + 1).min(last)].0.into(),
+        points[(first + 2).min(last)].0.into(),
+        points[(first + 3).min(last)].0.into(),
+    ]
+}
+
 impl Spline {
     /// From the padded coefficients of one period, which have the symmetries of the fold.
     pub fn new(padded: &[f32], grid: Grid, fold: Fold) -> Self {
@@ -113,15 +127,18 @@ impl Spline {
                 }
             }
         }
+        let plane = ny * nz * 4;
+        let planes = [0, plane, 2 * plane, 3 * plane];
         Self {
             grid,
+            last: (table.len() - planes[3] - PATCH) as f64,
             table,
             axes,
             is_twofold: twofold,
             carry: if fold.centred { 0.5 } else { 0.0 },
             per_unit: grid.per_unit().map(|c| c as f32),
-            strides: [ny * nz * 4, nz * 4, 4].map(|s| s as f64),
-            plane: ny * nz * 4,
+            strides: [plane, nz * 4, 4].map(|s| s as f64),
+            planes,
             is_portable: false,
         }
     }
@@ -139,16 +156,17 @@ impl Spline {
         size_of_val(self.table.as_slice())
     }
 
-    /// Places points number `from` to `from + 4` of the group.
+    /// Places four points: where their patches start, and their places and signs by axis.
     #[inline(always)]
-    fn place<L: Lanes>(&self, lanes: L, x: [[f64; 4]; 3], from: usize, places: &mut Places) {
+    fn place<L: Lanes>(&self, lanes: L, x: [L::D; 3]) -> ([i32; 4], [[f32; 4]; 3], [[f32; 4]; 3]) {
         let one = lanes.all_four(1.0);
         let mut turns = lanes.all_four(0.0);
         let mut reversed = one;
         let mut at = lanes.all_four(0.0);
+        let (mut within, mut signs) = ([[0.0; 4]; 3], [[0.0; 4]; 3]);
         for a in 0..3 {
             let axis = &self.axes[a];
-            let mut v = lanes.mul_four(lanes.four(x[a]), lanes.all_four(axis.rate));
+            let mut v = lanes.mul_four(x[a], lanes.all_four(axis.rate));
             if a == 2 {
                 v = lanes.sub_four(v, lanes.mul_four(turns, lanes.all_four(self.carry)));
                 if self.is_twofold {
@@ -175,11 +193,13 @@ impl Spline {
             let cell = lanes.min_four(lanes.floor_four(u), lanes.all_four(axis.last));
             let stride = lanes.all_four(self.strides[a]);
             at = lanes.add_four(at, lanes.mul_four(cell, stride));
-            let within = lanes.singles(lanes.sub_four(u, cell));
-            places.within[a][from..from + 4].copy_from_slice(&within);
-            places.signs[a][from..from + 4].copy_from_slice(&lanes.singles(sign));
+            within[a] = lanes.singles(lanes.sub_four(u, cell));
+            signs[a] = lanes.singles(sign);
         }
-        places.at[from..from + 4].copy_from_slice(&lanes.integers(at));
+        // What is no number lies anywhere in the table.
+        at = lanes.min_four(at, lanes.all_four(self.last));
+        at = lanes.max_four(at, lanes.all_four(0.0));
+        (lanes.integers(at), within, signs)
     }
 
     /// Places a group of at most eight points.
@@ -190,16 +210,20 @@ impl Spline {
             within: [[0.0; GROUP]; 3],
             signs: [[0.0; GROUP]; 3],
         };
-        for from in [0, 4] {
-            if from >= points.len() {
-                break;
+        let (at, within, signs) = self.place(lanes, lanes.turned(four(points, 0)));
+        places.at[..4].copy_from_slice(&at);
+        if points.len() <= 4 {
+            for a in 0..3 {
+                places.within[a][..4].copy_from_slice(&within[a]);
+                places.signs[a][..4].copy_from_slice(&signs[a]);
             }
-            let mut x = [[0.0; 4]; 3];
-            for l in 0..4 {
-                let p = points[(from + l).min(points.len() - 1)].0;
-                (x[0][l], x[1][l], x[2][l]) = (p.x, p.y, p.z);
-            }
-            self.place(lanes, x, from, &mut places);
+            return places;
+        }
+        let (at, others, beside) = self.place(lanes, lanes.turned(four(points, 4)));
+        places.at[4..].copy_from_slice(&at);
+        for a in 0..3 {
+            lanes.store(lanes.both(within[a], others[a]), &mut places.within[a]);
+            lanes.store(lanes.both(signs[a], beside[a]), &mut places.signs[a]);
         }
         places
     }
@@ -207,10 +231,8 @@ impl Spline {
     /// The patch of plane `i` from a place in the table on.
     #[inline(always)]
     fn patch<L: Lanes>(&self, lanes: L, at: usize, i: usize) -> [L::F; 2] {
-        let from = at + i * self.plane;
-        // Of a place that is no number: any patch.
-        let patch = self.table.get(from..from + PATCH);
-        let patch = patch.unwrap_or(&self.table[..PATCH]);
+        let from = at + self.planes[i];
+        let patch = &self.table[from..from + PATCH];
         let mut halves = [[0.0; 8]; 2];
         halves[0].copy_from_slice(&patch[..8]);
         halves[1].copy_from_slice(&patch[8..]);
@@ -261,29 +283,56 @@ impl Spline {
         weights
     }
 
+    /// Eight shares of the value at point `n` of a group.
+    #[inline(always)]
+    fn row<L: Lanes>(&self, lanes: L, places: &Places, wx: &[[f32; GROUP]; 4], n: usize) -> L::F {
+        let at = places.at[n] as usize;
+        let [low, high] = self.along_x(lanes, at, [wx[0][n], wx[1][n], wx[2][n], wx[3][n]]);
+        let (ty, tz) = (
+            lanes.splat(places.within[1][n]),
+            lanes.splat(places.within[2][n]),
+        );
+        let sum = lanes.mul(high, cubic(lanes, tz, &Z[1]));
+        let sum = lanes.fused(low, cubic(lanes, tz, &Z[0]), sum);
+        lanes.mul(sum, cubic(lanes, ty, &Y))
+    }
+
+    /// Values at four points of a group, or at a single one.
+    #[inline(always)]
+    fn sums<L: Lanes>(
+        &self,
+        lanes: L,
+        (places, wx): (&Places, &[[f32; GROUP]; 4]),
+        first: usize,
+        is_single: bool,
+    ) -> [f32; 4] {
+        let a = self.row(lanes, places, wx, first);
+        if is_single {
+            return lanes.sums([a, a, a, a]);
+        }
+        let b = self.row(lanes, places, wx, first + 1);
+        let c = self.row(lanes, places, wx, first + 2);
+        let d = self.row(lanes, places, wx, first + 3);
+        lanes.sums([a, b, c, d])
+    }
+
     #[inline(always)]
     fn values_by<L: Lanes>(&self, lanes: L, points: &[CellPoint<3>], out: &mut [f32]) {
         for (points, out) in points.chunks(GROUP).zip(out.chunks_mut(GROUP)) {
             let places = self.places(lanes, points);
             let wx = Self::weights_x(lanes, places.within[0]);
-            let mut sums = [0.0; GROUP];
-            for from in (0..out.len()).step_by(4) {
-                let mut rows = [lanes.splat(0.0); 4];
-                for (l, row) in rows.iter_mut().take(out.len() - from).enumerate() {
-                    let n = from + l;
-                    let at = places.at[n] as usize;
-                    let w = [wx[0][n], wx[1][n], wx[2][n], wx[3][n]];
-                    let [low, high] = self.along_x(lanes, at, w);
-                    let ty = lanes.splat(places.within[1][n]);
-                    let tz = lanes.splat(places.within[2][n]);
-                    let sum = lanes.mul(high, cubic(lanes, tz, &Z[1]));
-                    let sum = lanes.fused(low, cubic(lanes, tz, &Z[0]), sum);
-                    *row = lanes.mul(sum, cubic(lanes, ty, &Y));
-                }
-                sums[from..from + 4].copy_from_slice(&lanes.sums(rows));
+            let group = (&places, &wx);
+            let low = self.sums(lanes, group, 0, out.len() == 1);
+            if let Some(out) = out.first_chunk_mut::<GROUP>() {
+                let high = self.sums(lanes, group, 4, false);
+                lanes.store(lanes.both(low, high), out);
+                continue;
             }
-            for (v, sum) in out.iter_mut().zip(sums) {
-                *v = sum;
+            let (first, rest) = out.split_at_mut(out.len().min(4));
+            first.copy_from_slice(&low[..first.len()]);
+            if !rest.is_empty() {
+                let high = self.sums(lanes, group, 4, rest.len() == 1);
+                rest.copy_from_slice(&high[..rest.len()]);
             }
         }
     }

@@ -10,38 +10,19 @@ use crate::tiling::{Filling, TiledSolid};
 pub(super) struct Seat {
     item: u32,
     place: u32,
-    /// Whose trail has d xi / d x; without one it stands in a list.
-    block: Option<u32>,
+    /// The trail that has d xi / d x; without one it stands in a list.
+    trail: Option<u32>,
     weight: f64,
 }
 
 /// The sum of the shares in a sample.
 #[derive(Clone, Copy, Default)]
 pub(super) struct Sum {
-    f: f64,
     scales: f64,
     weights: f64,
 }
 
 impl<F: Filling> TiledSolid<'_, F> {
-    fn ask_slopes(
-        &self,
-        local: &Local,
-        seats: &[Seat],
-        points: &[CellPoint<3>],
-        slopes: &mut Vec<(f64, Vec3)>,
-    ) {
-        slopes.resize(points.len(), (0.0, Vec3::zeros()));
-        let mut first = 0;
-        for run in seats.chunk_by(|a, b| a.place == b.place) {
-            let element = local.near.patches[run[0].place as usize] as usize;
-            let all = first..first + run.len();
-            first = all.end;
-            self.filling
-                .slopes(element, &points[all.clone()], &mut slopes[all]);
-        }
-    }
-
     /// Hands samples that are certainly far to `found`, and seats the others in their owners and in the
     /// elements that share in them.
     pub(super) fn seat(
@@ -56,9 +37,10 @@ impl<F: Filling> TiledSolid<'_, F> {
         batch.seats.clear();
         batch.shared.clear();
         batch.points.clear();
+        batch.slopes.clear();
         batch.inverses.clear();
         for n in 0..batch.items.len() {
-            let (item, f) = (&batch.items[n], batch.values[n]);
+            let (item, f) = (&batch.items[n], batch.own[n].0);
             if f.abs() >= most {
                 found(&item.target, w.copysign(f));
             } else if item.depth >= self.delta() {
@@ -85,16 +67,26 @@ impl<F: Filling> TiledSolid<'_, F> {
                     batch.guests.push(n);
                 }
             }
+            let patch = self.patch(local, place);
+            let first = batch.points.len();
             self.spots(local, place, (&batch.at, self.delta()), &mut found);
             for (k, spot) in found.found() {
                 let n = batch.guests[k as usize];
                 let depth = batch.items[n as usize].depth;
                 let weight = 1.0 - spot.overshoot.max(depth) / self.delta();
                 if weight > 0.0 {
-                    batch.inverses.push(spot.inverse);
-                    batch.take_seat(n, place as u32, spot.xi, None, weight);
+                    let trail = batch.trails.of_straight(place, patch);
+                    if trail.is_none() {
+                        batch.inverses.push(spot.inverse);
+                    }
+                    batch.take_seat(n, place as u32, spot.xi, trail, weight);
                 }
             }
+            let guests = &batch.points[first..];
+            batch
+                .slopes
+                .resize(batch.points.len(), (0.0, Vec3::zeros()));
+            self.ask_slopes(local, place, guests, &mut batch.slopes[first..]);
         }
         batch.found = found;
         batch.shared = shared;
@@ -109,8 +101,9 @@ impl<F: Filling> TiledSolid<'_, F> {
         mut found: impl FnMut(&Target, f64),
     ) {
         let Batch {
-            blocks,
+            trails,
             items,
+            own,
             seats,
             points,
             at,
@@ -121,26 +114,19 @@ impl<F: Filling> TiledSolid<'_, F> {
             sums,
             ..
         } = batch;
-        self.ask_slopes(local, seats, points, slopes);
         sums.clear();
         sums.resize(items.len(), Sum::default());
         at.clear();
-        for (seat, (f, _)) in seats.iter().zip(&*slopes) {
-            let item = &items[seat.item as usize];
-            at.push(item.target.x);
-            if seat.place == item.place {
-                sums[seat.item as usize].f = *f;
-            }
-        }
+        at.extend(seats.iter().map(|s| items[s.item as usize].target.x));
         scales.resize(seats.len(), 0.0);
         let most = seats.len().max(legs.len());
         legs.resize(most, Leg::default());
         let (mut first, mut alone, mut leg) = (0, 0, 0);
-        for run in seats.chunk_by(|a, b| (a.place, a.block) == (b.place, b.block)) {
+        for run in seats.chunk_by(|a, b| (a.place, a.trail) == (b.place, b.trail)) {
             let all = first..first + run.len();
-            let Seat { place, block, .. } = run[0];
-            let frame = if let Some(number) = block {
-                Frame::Trail(&blocks[number as usize].trail)
+            let Seat { place, trail, .. } = run[0];
+            let frame = if let Some(number) = trail {
+                Frame::Trail(&trails.all[number as usize])
             } else {
                 let own = alone..alone + run.len();
                 alone = own.end;
@@ -162,9 +148,15 @@ impl<F: Filling> TiledSolid<'_, F> {
             );
             (first, leg) = (all.end, own.end);
         }
-        self.ask_slopes(local, seats, points, slopes);
+        let mut first = 0;
+        for run in seats.chunk_by(|a, b| a.place == b.place) {
+            let all = first..first + run.len();
+            first = all.end;
+            let place = run[0].place as usize;
+            self.ask_slopes(local, place, &points[all.clone()], &mut slopes[all]);
+        }
         let (mut first, mut leg) = (0, 0);
-        for run in seats.chunk_by(|a, b| (a.place, a.block) == (b.place, b.block)) {
+        for run in seats.chunk_by(|a, b| (a.place, a.trail) == (b.place, b.trail)) {
             let (all, own) = (first..first + run.len(), leg..leg + run.len().div_ceil(4));
             let pace = self.pace(self.patch(local, run[0].place as usize));
             walk::arrive(
@@ -181,8 +173,9 @@ impl<F: Filling> TiledSolid<'_, F> {
             sum.weights += seat.weight;
         }
         let w = self.options.half_width;
-        for (item, sum) in items.iter().zip(&*sums).filter(|(_, s)| s.weights > 0.0) {
-            let d = (sum.f * sum.scales / sum.weights).clamp(-w, w);
+        let all = items.iter().zip(&*own).zip(&*sums);
+        for ((item, (f, _)), sum) in all.filter(|(_, s)| s.weights > 0.0) {
+            let d = (f * sum.scales / sum.weights).clamp(-w, w);
             found(&item.target, d);
         }
     }
@@ -193,8 +186,9 @@ impl Batch {
     fn seat_in_owner(&mut self, item: u32) {
         let own = &self.items[item as usize];
         let (place, xi) = (own.place, self.asked.points[item as usize].0);
+        self.slopes.push(self.own[item as usize]);
         match own.how {
-            How::Block(number) => self.take_seat(item, place, xi, Some(number), 1.0),
+            How::Trail(number) => self.take_seat(item, place, xi, Some(number), 1.0),
             How::Alone(number) => {
                 self.inverses.push(self.alone[number as usize]);
                 self.take_seat(item, place, xi, None, 1.0);
@@ -202,13 +196,13 @@ impl Batch {
         }
     }
 
-    /// Seats an item in an element, with d xi / d x of a block, or in the list.
-    fn take_seat(&mut self, item: u32, place: u32, xi: Vec3, block: Option<u32>, weight: f64) {
+    /// Seats an item in an element, with d xi / d x of a trail, or in the list.
+    fn take_seat(&mut self, item: u32, place: u32, xi: Vec3, trail: Option<u32>, weight: f64) {
         self.points.push(CellPoint(xi));
         self.seats.push(Seat {
             item,
             place,
-            block,
+            trail,
             weight,
         });
     }
