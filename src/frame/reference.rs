@@ -249,6 +249,7 @@ impl Element {
 
     /// Largest signed distance of a point to the planes of the faces: <= 0 inside. Planar elements
     /// do not regard z; that of the ball is the distance to the sphere.
+    #[inline]
     pub fn face_distance(self, p: CellPoint<3>) -> f64 {
         let x = p.0;
         // One instruction, unlike `f64::max`.

@@ -136,56 +136,55 @@ impl Pyramid {
 
     /// Extremes over `count` spline cells per axis from `from` on, wrapping around.
     pub fn query(&self, from: [usize; 3], count: [usize; 3]) -> Range {
+        // Widths and strides are powers of 2, whose shifts take less time than divisions.
         // Per axis: windows from the last one that starts at or before the range.
         let cover = |l: &Level, a: usize| {
+            let by = l.width.trailing_zeros();
             if count[a] >= self.samples[a] {
-                return (0, self.samples[a].div_ceil(l.width));
+                return (0, (self.samples[a] + l.width - 1) >> by);
             }
-            let first = from[a] / l.stride[a];
-            let span = from[a] + count[a] - first * l.stride[a];
-            (first, span.div_ceil(l.width))
+            let stride = l.stride[a].trailing_zeros();
+            let first = from[a] >> stride;
+            let span = from[a] + count[a] - (first << stride);
+            (first, (span + l.width - 1) >> by)
         };
         let varies = (0..3).filter(|&a| self.samples[a] > 1);
         let least = varies.map(|a| count[a]).min().unwrap_or(1);
-        let level = self
-            .levels
+        let fits = |l: &Level| l.width <= least.max(self.levels[0].width);
+        let first = self.levels.iter().rposition(fits).unwrap_or(0);
+        let Some(level) = self.levels[first..]
             .iter()
-            .rev()
-            .find(|l| l.width <= least.max(self.levels[0].width))
-            .map_or(0, |l| l.width);
-        let Some(level) = self
-            .levels
-            .iter()
-            .filter(|l| l.width >= level)
-            .find(|l| (0..3).map(|a| cover(l, a).1).product::<usize>() <= LOOK_UPS)
+            .find(|l| cover(l, 0).1 * cover(l, 1).1 * cover(l, 2).1 <= LOOK_UPS)
             .or(self.levels.last())
         else {
             return Range::NOTHING;
         };
-        let [(i0, ni), (j0, nj), (k0, nk)] = [0, 1, 2].map(|a| cover(level, a));
+        let [(i0, ni), (j0, nj), (k0, nk)] = [cover(level, 0), cover(level, 1), cover(level, 2)];
         // The last window of an axis may start earlier, so as to end with the range.
         let start = |a: usize, first: usize, n: usize, w: usize| {
-            let stride = level.stride[a];
-            let plain = first * stride + w * level.width;
+            let stride = level.stride[a].trailing_zeros();
+            let plain = (first << stride) + w * level.width;
             let end = from[a] + count[a];
-            let s = if w + 1 == n && w > 0 && count[a] < self.samples[a] {
-                end.saturating_sub(level.width)
-                    .next_multiple_of(stride)
-                    .min(plain)
+            let at = if w + 1 == n && w > 0 && count[a] < self.samples[a] {
+                let up = level.stride[a] - 1;
+                plain.min((end.saturating_sub(level.width) + up) & !up)
             } else {
                 plain
-            };
-            (s / stride) % level.count[a]
+            } >> stride;
+            // At most one period further.
+            if at < level.count[a] {
+                at
+            } else {
+                at - level.count[a]
+            }
         };
         let mut window = Window::NOTHING;
         for i in 0..ni {
+            let i = start(0, i0, ni, i);
             for j in 0..nj {
+                let j = start(1, j0, nj, j);
                 for k in 0..nk {
-                    window.join(level.at(
-                        start(0, i0, ni, i),
-                        start(1, j0, nj, j),
-                        start(2, k0, nk, k),
-                    ));
+                    window.join(level.at(i, j, start(2, k0, nk, k)));
                 }
             }
         }

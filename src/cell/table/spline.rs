@@ -3,9 +3,10 @@
 //! **Folding.** Of a period only that part is kept from which the symmetries that keep the axes make
 //! the rest: see [`Fold`]. A point is moved there first, its gradient back.
 //!
-//! **Layout.** The 4 x 4 coefficients (y, z) around a point are 16 neighbours, one cache line, for each
-//! of its four planes along x: entry (i, j, k) holds those of j to j + 3, entries follow along z. A
-//! coefficient is there four times.
+//! **Layout.** Of the 4 x 4 coefficients (y, z) around a point in each of its four planes along x, those
+//! of two neighbours along y are eight that follow each other: entry (i, j, k) holds those of j and
+//! j + 1, entries follow along z. A coefficient is there twice: once would take twice the loads, four
+//! times twice the memory, which is what look-ups wait for.
 //!
 //! Points are placed four at a time in double precision; the sums over rows of eight coefficients are
 //! in single. Written once and compiled twice, see [`crate::lanes`]. A point gives the same bits alone and
@@ -20,8 +21,10 @@ use crate::lanes::{self, Lanes, Plain, Work};
 
 /// Points that are evaluated together.
 const GROUP: usize = 8;
-/// Coefficients around a point in a plane.
-const PATCH: usize = 16;
+/// Coefficients around a point in half a plane.
+const HALF: usize = 8;
+/// Neighbours along y that an entry holds.
+const PAIR: usize = 2;
 
 /// How an axis is folded: turns of its fold's period, spline cells.
 #[derive(Clone, Copy)]
@@ -52,14 +55,16 @@ pub(super) struct Spline {
     strides: [f64; 3],
     /// Distance of the four planes along x from the first.
     planes: [usize; 4],
-    /// Where the last patch of the first plane starts.
+    /// From one half of a plane's coefficients to the other.
+    half: usize,
+    /// Where the last coefficients of the first plane start.
     last: f64,
     is_portable: bool,
 }
 
 /// Places of a group of points.
 struct Places {
-    /// Where in the table the first patch starts.
+    /// Where in the table the coefficients of the first plane start.
     at: [i32; GROUP],
     /// Place in the spline cell, by axis.
     within: [[f32; GROUP]; 3],
@@ -117,28 +122,31 @@ impl Spline {
                 cells,
             }
         });
-        let [nx, ny, nz] = [axes[0].cells + 3, axes[1].cells, axes[2].cells + 3];
+        let [nx, ny, nz] = [axes[0].cells + 3, axes[1].cells + 2, axes[2].cells + 3];
         let [_, sy, sz] = grid.padded();
-        let mut table = Vec::with_capacity(nx * ny * nz * 4);
+        let mut table = Vec::with_capacity(nx * ny * nz * PAIR);
         for i in 0..nx {
             for j in 0..ny {
                 for k in 0..nz {
-                    table.extend((j..j + 4).map(|y| padded[(i * sy + y) * sz + k]));
+                    table.extend((j..j + PAIR).map(|y| padded[(i * sy + y) * sz + k]));
                 }
             }
         }
-        let plane = ny * nz * 4;
+        let row = nz * PAIR;
+        let plane = ny * row;
         let planes = [0, plane, 2 * plane, 3 * plane];
+        let half = PAIR * row;
         Self {
             grid,
-            last: (table.len() - planes[3] - PATCH) as f64,
+            last: (table.len() - planes[3] - half - HALF) as f64,
             table,
             axes,
             is_twofold: twofold,
             carry: if fold.centred { 0.5 } else { 0.0 },
             per_unit: grid.per_unit().map(|c| c as f32),
-            strides: [plane, nz * 4, 4].map(|s| s as f64),
+            strides: [plane, row, PAIR].map(|s| s as f64),
             planes,
+            half,
             is_portable: false,
         }
     }
@@ -156,7 +164,7 @@ impl Spline {
         size_of_val(self.table.as_slice())
     }
 
-    /// Places four points: where their patches start, and their places and signs by axis.
+    /// Places four points: where their coefficients start, and their places and signs by axis.
     #[inline(always)]
     fn place<L: Lanes>(&self, lanes: L, x: [L::D; 3]) -> ([i32; 4], [[f32; 4]; 3], [[f32; 4]; 3]) {
         let one = lanes.all_four(1.0);
@@ -228,18 +236,21 @@ impl Spline {
         places
     }
 
-    /// The patch of plane `i` from a place in the table on.
+    /// The coefficients of plane `i` from a place in the table on, by halves.
     #[inline(always)]
     fn patch<L: Lanes>(&self, lanes: L, at: usize, i: usize) -> [L::F; 2] {
         let from = at + self.planes[i];
-        let patch = &self.table[from..from + PATCH];
-        let mut halves = [[0.0; 8]; 2];
-        halves[0].copy_from_slice(&patch[..8]);
-        halves[1].copy_from_slice(&patch[8..]);
-        [lanes.load(&halves[0]), lanes.load(&halves[1])]
+        let patch = &self.table[from..from + (self.half + HALF)];
+        let low = patch.first_chunk::<HALF>();
+        let high = patch[self.half..].first_chunk::<HALF>();
+        let none = &[0.0; HALF];
+        [
+            lanes.load(low.unwrap_or(none)),
+            lanes.load(high.unwrap_or(none)),
+        ]
     }
 
-    /// Both halves of the patches, summed along x.
+    /// Both halves, summed along x.
     #[inline(always)]
     fn along_x<L: Lanes>(&self, lanes: L, at: usize, w: [f32; 4]) -> [L::F; 2] {
         let first = lanes.splat(w[0]);
@@ -292,9 +303,9 @@ impl Spline {
             lanes.splat(places.within[1][n]),
             lanes.splat(places.within[2][n]),
         );
-        let sum = lanes.mul(high, cubic(lanes, tz, &Z[1]));
-        let sum = lanes.fused(low, cubic(lanes, tz, &Z[0]), sum);
-        lanes.mul(sum, cubic(lanes, ty, &Y))
+        let sum = lanes.mul(high, cubic(lanes, ty, &Y[1]));
+        let sum = lanes.fused(low, cubic(lanes, ty, &Y[0]), sum);
+        lanes.mul(sum, cubic(lanes, tz, &Z))
     }
 
     /// Values at four points of a group, or at a single one.
@@ -350,20 +361,20 @@ impl Spline {
                     self.along_x(lanes, at, [dx[0][n], dx[1][n], dx[2][n], dx[3][n]]);
                 let ty = lanes.splat(places.within[1][n]);
                 let tz = lanes.splat(places.within[2][n]);
-                let (wy, dy) = (cubic(lanes, ty, &Y), square(lanes, ty, &Y_SLOPES));
-                let (z0, z1) = (cubic(lanes, tz, &Z[0]), cubic(lanes, tz, &Z[1]));
+                let (wz, dz) = (cubic(lanes, tz, &Z), square(lanes, tz, &Z_SLOPES));
+                let (y0, y1) = (cubic(lanes, ty, &Y[0]), cubic(lanes, ty, &Y[1]));
                 let (d0, d1) = (
-                    square(lanes, tz, &Z_SLOPES[0]),
-                    square(lanes, tz, &Z_SLOPES[1]),
+                    square(lanes, ty, &Y_SLOPES[0]),
+                    square(lanes, ty, &Y_SLOPES[1]),
                 );
-                let flat = lanes.fused(low, z0, lanes.mul(high, z1));
-                let steep = lanes.fused(steep_low, z0, lanes.mul(steep_high, z1));
+                let flat = lanes.fused(low, y0, lanes.mul(high, y1));
+                let steep = lanes.fused(steep_low, y0, lanes.mul(steep_high, y1));
                 let along = lanes.fused(low, d0, lanes.mul(high, d1));
                 let [v, x, y, z] = lanes.sums([
-                    lanes.mul(flat, wy),
-                    lanes.mul(steep, wy),
-                    lanes.mul(flat, dy),
-                    lanes.mul(along, wy),
+                    lanes.mul(flat, wz),
+                    lanes.mul(steep, wz),
+                    lanes.mul(along, wz),
+                    lanes.mul(flat, dz),
                 ]);
                 let [sx, sy, sz] = self.per_unit;
                 *out = [

@@ -18,14 +18,14 @@ pub(super) const SLOPES: [[f32; 4]; 3] = [
     [-0.5, 1.5, -1.5, 0.5],
 ];
 
-/// Rows whose lane l holds entry l % 4: weights along y.
-const fn along_y<const N: usize>(powers: [[f32; 4]; N]) -> [[f32; 8]; N] {
+/// Rows whose lane l holds entry `first` + l % 2: weights along y.
+const fn along_y<const N: usize>(powers: [[f32; 4]; N], first: usize) -> [[f32; 8]; N] {
     let mut rows = [[0.0; 8]; N];
     let mut p = 0;
     while p < N {
         let mut l = 0;
         while l < 8 {
-            rows[p][l] = powers[p][l % 4];
+            rows[p][l] = powers[p][first + l % 2];
             l += 1;
         }
         p += 1;
@@ -33,14 +33,14 @@ const fn along_y<const N: usize>(powers: [[f32; 4]; N]) -> [[f32; 8]; N] {
     rows
 }
 
-/// Rows whose lane l holds entry `first` + l / 4: weights along z.
-const fn along_z<const N: usize>(powers: [[f32; 4]; N], first: usize) -> [[f32; 8]; N] {
+/// Rows whose lane l holds entry l / 2: weights along z.
+const fn along_z<const N: usize>(powers: [[f32; 4]; N]) -> [[f32; 8]; N] {
     let mut rows = [[0.0; 8]; N];
     let mut p = 0;
     while p < N {
         let mut l = 0;
         while l < 8 {
-            rows[p][l] = powers[p][first + l / 4];
+            rows[p][l] = powers[p][l / 2];
             l += 1;
         }
         p += 1;
@@ -48,10 +48,10 @@ const fn along_z<const N: usize>(powers: [[f32; 4]; N], first: usize) -> [[f32; 
     rows
 }
 
-pub(super) const Y: [[f32; 8]; 4] = along_y(CUBIC);
-pub(super) const Y_SLOPES: [[f32; 8]; 3] = along_y(SLOPES);
-pub(super) const Z: [[[f32; 8]; 4]; 2] = [along_z(CUBIC, 0), along_z(CUBIC, 2)];
-pub(super) const Z_SLOPES: [[[f32; 8]; 3]; 2] = [along_z(SLOPES, 0), along_z(SLOPES, 2)];
+pub(super) const Y: [[[f32; 8]; 4]; 2] = [along_y(CUBIC, 0), along_y(CUBIC, 2)];
+pub(super) const Y_SLOPES: [[[f32; 8]; 3]; 2] = [along_y(SLOPES, 0), along_y(SLOPES, 2)];
+pub(super) const Z: [[f32; 8]; 4] = along_z(CUBIC);
+pub(super) const Z_SLOPES: [[f32; 8]; 3] = along_z(SLOPES);
 
 /// A cubic with these coefficients.
 #[inline(always)]
