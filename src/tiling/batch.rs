@@ -75,8 +75,8 @@ struct Trails {
 }
 
 impl Trails {
-    fn add(&mut self, trail: Trail) -> u32 {
-        self.all.push(trail);
+    fn add(&mut self, trail: &Trail) -> u32 {
+        self.all.push(*trail);
         self.all.len() as u32 - 1
     }
 
@@ -86,7 +86,7 @@ impl Trails {
             return None;
         }
         if self.straight[place].is_none() {
-            self.straight[place] = Some(self.add(patch.start()));
+            self.straight[place] = Some(self.add(&patch.start()));
         }
         self.straight[place]
     }
@@ -247,7 +247,7 @@ impl<F: Filling> TiledSolid<'_, F> {
                     Some(last) => batch.trails.all[last.trail as usize].moved(x, spot),
                     None => self.note_trail(local, *place, x, spot),
                 };
-                batch.trails.add(trail)
+                batch.trails.add(&trail)
             });
             let error = || {
                 let trail = &batch.trails.all[trail as usize];
@@ -383,12 +383,11 @@ impl<F: Filling> TiledSolid<'_, F> {
 impl Batch {
     /// Enters a sample that was placed in its owner by itself.
     fn enter_alone(&mut self, target: Target, place: usize, spot: &Spot, patch: &Patch) {
-        let how = match self.trails.of_straight(place, patch) {
-            Some(trail) => How::Trail(trail),
-            None => {
-                self.alone.push(spot.inverse);
-                How::Alone(self.alone.len() as u32 - 1)
-            }
+        let how = if let Some(trail) = self.trails.of_straight(place, patch) {
+            How::Trail(trail)
+        } else {
+            self.alone.push(spot.inverse);
+            How::Alone(self.alone.len() as u32 - 1)
         };
         let (place, depth) = (place as u32, patch.depth(spot));
         self.asked.push(place, spot.xi);

@@ -32,7 +32,7 @@ impl Window {
     const NOTHING: Self = Self([i16::MIN, i16::MIN, 0, 0]);
 
     #[inline]
-    fn join(&mut self, other: &Self) {
+    fn join(&mut self, other: Self) {
         for (a, b) in self.0.iter_mut().zip(other.0) {
             *a = (*a).max(b);
         }
@@ -56,7 +56,7 @@ impl Units {
         }
     }
 
-    fn window(&self, range: &Range) -> Window {
+    fn window(self, range: &Range) -> Window {
         let steps = |v: f32, unit: f32| (v / unit).ceil() as i16;
         Window([
             steps(-range.least, self.value),
@@ -66,7 +66,7 @@ impl Units {
         ])
     }
 
-    fn range(&self, Window([least, greatest, steepest, _]): Window) -> Range {
+    fn range(self, Window([least, greatest, steepest, _]): Window) -> Range {
         Range {
             least: -f32::from(least) * self.value,
             greatest: f32::from(greatest) * self.value,
@@ -85,8 +85,8 @@ struct Level {
 }
 
 impl Level {
-    fn at(&self, i: usize, j: usize, k: usize) -> &Window {
-        &self.windows[(i * self.count[1] + j) * self.count[2] + k]
+    fn at(&self, i: usize, j: usize, k: usize) -> Window {
+        self.windows[(i * self.count[1] + j) * self.count[2] + k]
     }
 }
 
