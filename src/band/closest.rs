@@ -8,7 +8,7 @@
 //! `d = h + k |t|^2 / (2 (1 + h k))`,
 //!
 //! exact to the second order in |t|, which is less than a voxel on a smooth surface, and never more than
-//! |x - q|; signs are those of the level set. So the error does not grow with the distance, whatever
+//! |x - q|, which it is where |t| is more: beyond edges. Signs are those of the level set. So the error does not grow with the distance, whatever
 //! the values were beyond the voxels next to the surface, and half a cell's walls or gaps are no limit.
 //!
 //! A voxel looks at what can be its nearest point only: of the points near a leaf, those near the

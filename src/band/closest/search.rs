@@ -14,6 +14,9 @@ const SLACK: f32 = 1e-3;
 const LEAST_SPREAD: f32 = 0.3;
 /// Most that curvature may take off the distance to the tangent plane, voxels.
 const MOST_BEND: f32 = 0.25;
+/// On a smooth surface the nearest point lies no further across than this, voxels: points are less than
+/// that apart. Twice as far away it lies on an edge, which has no tangent plane.
+const ACROSS: f32 = 1.0;
 
 /// Steps to the leaves that hold a sample less than `reach` voxels away from one of a leaf: ascending.
 pub(super) fn around(reach: f32) -> Vec<[i32; 3]> {
@@ -379,5 +382,8 @@ fn distance(point: &Point, [x, y, z]: [f32; 3], square: f32, is_inside: bool) ->
     // On the other side of the surface than its value says a voxel lies on it.
     let sign = if is_inside { -1.0 } else { 1.0 };
     let size = ((height + more.clamp(-MOST_BEND, 1.0)) * sign).max(0.0);
-    sign * size.min(square.sqrt())
+    let straight = square.sqrt();
+    let size = size.min(straight);
+    let edge = (across.sqrt() / ACROSS - 1.0).clamp(0.0, 1.0);
+    sign * (size + edge * (straight - size))
 }

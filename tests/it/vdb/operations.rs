@@ -35,6 +35,40 @@ fn dilate_grows_and_erode_shrinks_by_a_distance() {
 }
 
 #[test]
+fn edges_get_round_when_they_grow() {
+    let solid = BoxSolid(Aabb {
+        min: Vec3::new(-6.1, -5.2, -4.3),
+        max: Vec3::new(6.1, 5.2, 4.3),
+    });
+    let exact = |p: Vec3| {
+        let q = p.abs() - Vec3::new(6.1, 5.2, 4.3);
+        q.sup(&Vec3::zeros()).norm() + q.max().min(0.0)
+    };
+    for grown in [1.0, 2.5] {
+        let mut s = level_set(&solid, cube(7.0), 0.5);
+        s.dilate(grown, session()).unwrap();
+        let (mut sum, mut count, mut most) = (0.0, 0.0, 0f64);
+        s.for_each_leaf(|leaf| {
+            for (n, &v) in leaf
+                .values
+                .iter()
+                .enumerate()
+                .filter(|(n, _)| leaf.is_active(*n))
+            {
+                let p = s.transform().world(leaf.voxel(n)).0;
+                let off = (f64::from(v) - exact(p) + grown).abs() / 0.5;
+                sum += off * off;
+                count += 1.0;
+                most = most.max(off);
+            }
+        })
+        .unwrap();
+        let rms = f64::sqrt(sum / count);
+        assert!(rms < 0.2 && most < 0.75, "{grown}: {rms} {most} voxels");
+    }
+}
+
+#[test]
 fn open_removes_thin_and_close_fills_narrow() {
     let ball = Sphere {
         centre: Vec3::zeros(),
