@@ -107,16 +107,6 @@ impl SurfacePoints {
         surface
     }
 
-    /// Number of points.
-    pub fn len(&self) -> usize {
-        self.points.len()
-    }
-
-    /// Whether there is no surface.
-    pub fn is_empty(&self) -> bool {
-        self.points.is_empty()
-    }
-
     /// Farthest that a point can matter, voxels, when the surface is moved by `by` world units.
     fn reach(&self, by: f64) -> f32 {
         (by.abs() as f32 + self.background) / self.voxel_size

@@ -193,14 +193,11 @@ impl<F: Filling> TiledSolid<'_, F> {
         }
     }
 
-    /// Makes and notes a trail, with second derivatives, from a point as one of the near elements has
-    /// placed it.
+    /// Makes and notes a trail, with second derivatives, from a point as one of the near elements, a curved
+    /// one, has placed it.
     pub(super) fn note_trail(&self, local: &Local, place: usize, x: Vec3, spot: &Spot) -> Trail {
-        let patch = self.patch(local, place);
-        let trail = patch.trail(self.scaffold, x, spot);
-        if !patch.is_affine() {
-            local.trails[place].set(Some(trail));
-        }
+        let trail = self.patch(local, place).trail(self.scaffold, x, spot);
+        local.trails[place].set(Some(trail));
         trail
     }
 

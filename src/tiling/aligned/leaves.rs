@@ -123,6 +123,7 @@ impl Sweep<'_> {
         }
         let outside_z = l.load(&z.beyond);
         let mut bits = LeafBits {
+            // Clamped as they are, all values are numbers.
             finite: true,
             ..LeafBits::default()
         };

@@ -119,7 +119,6 @@ impl Scales {
         step: f64,
     ) -> Axis {
         let periods = &function.periods;
-        let (least, greatest) = (periods.room.min[axis], periods.room.max[axis]);
         let parts = periods.parts(l, axis, origin, step, &EACH);
         let mut of = Axis {
             origin,
@@ -131,8 +130,7 @@ impl Scales {
         for n in 0..8 {
             let x = origin + step * n as f64;
             of.beyond[n] = periods.beyond(axis, x, step) as f32;
-            let inside = x.max(least).min(greatest);
-            let u = (inside - periods.centre[axis]) * periods.rate[axis];
+            let u = (periods.inside(axis, x) - periods.centre[axis]) * periods.rate[axis];
             places[n] = u * count as f64 - 0.5;
         }
         if self.nodes <= MOST {
