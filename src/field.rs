@@ -210,11 +210,16 @@ pub(crate) fn signs_of_values<F: Field + ?Sized>(
 ) -> u64 {
     let mut values = vec![0.0; lattice.len()];
     let looked = field.fill_counting(lattice, &mut values);
-    for (row, values) in rows.iter_mut().zip(values.chunks(lattice.counts[2].max(1))) {
+    enter_signs(&values, lattice.counts[2], rows);
+    looked
+}
+
+/// A bit for each negative value, rows of `along` values each.
+pub(crate) fn enter_signs(values: &[f32], along: usize, rows: &mut [u64]) {
+    for (row, values) in rows.iter_mut().zip(values.chunks(along.max(1))) {
         let bits = values.iter().enumerate();
         *row = bits.fold(0, |row, (k, &v)| row | u64::from(v < 0.0) << k);
     }
-    looked
 }
 
 /// A field in world space, as the band sees it.

@@ -82,6 +82,10 @@ pub trait Lanes: Copy {
     fn sqrt_four(self, a: Self::D) -> Self::D;
     /// x where a < b, else y.
     fn select_below_four(self, a: Self::D, b: Self::D, x: Self::D, y: Self::D) -> Self::D;
+    /// One bit per number: whether a < b.
+    fn below_four(self, a: Self::D, b: Self::D) -> u8;
+    /// Doubles from singles.
+    fn wide_four(self, v: [f32; 4]) -> Self::D;
     /// The lesser.
     fn min_four(self, a: Self::D, b: Self::D) -> Self::D;
     /// The greater.

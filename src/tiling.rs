@@ -23,7 +23,7 @@
 //! cell's table rounds to `f32` it rounds alike in all elements.
 
 use crate::cell::Table;
-use crate::field::{Field, Interval, Leaves, SampleLattice, signs_of_values};
+use crate::field::{Field, Interval, Leaves, SampleLattice, enter_signs, signs_of_values};
 use crate::frame::{Aabb, CellPoint, Vec3, WorldPoint};
 use crate::mesh::MeshSolid;
 use crate::scaffold::Scaffold;
@@ -32,6 +32,7 @@ mod aligned;
 mod batch;
 mod blend;
 mod bound;
+mod boundary;
 mod certificate;
 mod clamp;
 mod control;
@@ -47,6 +48,7 @@ mod place;
 mod scale;
 mod seam;
 mod source;
+mod straight;
 mod trail;
 mod visits;
 mod walk;
@@ -59,9 +61,11 @@ pub use path::{PathCheck, check_path};
 pub use source::{CellField, Filling, fills};
 pub use visits::Visits;
 
-use near::{Known, Local};
+use boundary::Known;
+use near::Local;
 use patch::{Patch, Search};
 use source::Held;
+use straight::Wanted;
 
 /// How distances are measured across element faces.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -452,7 +456,10 @@ impl<F: Filling> Field for TiledSolid<'_, F> {
     }
 
     fn bounds(&self, regions: &[Aabb; 8]) -> Option<[Interval; 8]> {
-        self.aligned.as_ref().map(|a| a.bounds(regions))
+        Some(match &self.aligned {
+            Some(aligned) => aligned.bounds(regions),
+            None => self.bounds_of_all(regions),
+        })
     }
 
     fn fill(&self, lattice: &SampleLattice<WorldPoint>, out: &mut [f32]) {
@@ -468,7 +475,7 @@ impl<F: Filling> Field for TiledSolid<'_, F> {
                 aligned.fill(lattice, out);
                 lattice.len() as u64
             }
-            None => self.fill_all(lattice, out),
+            None => self.fill_all((lattice, Wanted::Distances), out),
         }
     }
 
@@ -488,7 +495,13 @@ impl<F: Filling> Field for TiledSolid<'_, F> {
     fn signs(&self, lattice: &SampleLattice<WorldPoint>, rows: &mut [u64]) -> u64 {
         match &self.aligned {
             Some(aligned) if aligned.signs(lattice, rows) => lattice.len() as u64,
-            _ => signs_of_values(self, lattice, rows),
+            Some(_) => signs_of_values(self, lattice, rows),
+            None => {
+                let mut values = vec![0.0; lattice.len()];
+                let looked = self.fill_all((lattice, Wanted::Signs), &mut values);
+                enter_signs(&values, lattice.counts[2], rows);
+                looked
+            }
         }
     }
 }

@@ -15,8 +15,8 @@
 //! taken after interpolation); as a [`Field`] it is negative inside the solid. An expression of
 //! several series is evaluated from one spline each, a function of the ball from samples over a box,
 //! for the element that is the cube around the ball. The gradient is that of the interpolant. Bounds
-//! come from the coefficients: a B-spline is a convex combination of its 4^3 nearest ones, a
-//! derivative one of their differences; so bounds are rigorous for what is evaluated, not for the
+//! come from the coefficients of the spline's Bernstein form, of which it is a convex combination; so
+//! bounds are rigorous for what is evaluated, not for the
 //! series it approximates. [`Table::error_bound`] ties the two together.
 
 use super::{Cell, CellError, Form, Products, Solid};
@@ -25,6 +25,7 @@ use crate::frame::{CellBox, CellPoint, Element, Vec3};
 
 mod build;
 mod grid;
+mod hull;
 mod leaf;
 mod pyramid;
 mod spline;

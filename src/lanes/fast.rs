@@ -136,6 +136,15 @@ impl Lanes for Wide {
         self.0.select_f64x4(self.0.cmp_lt_f64x4(a, b), x, y)
     }
     #[inline(always)]
+    fn below_four(self, a: f64x4, b: f64x4) -> u8 {
+        let mask = self.0.cmp_lt_f64x4(a, b);
+        self.0.avx._mm256_movemask_pd(cast(mask)) as u8
+    }
+    #[inline(always)]
+    fn wide_four(self, v: [f32; 4]) -> f64x4 {
+        cast(self.0.avx._mm256_cvtps_pd(cast(v)))
+    }
+    #[inline(always)]
     fn min_four(self, a: f64x4, b: f64x4) -> f64x4 {
         self.0.min_f64x4(a, b)
     }

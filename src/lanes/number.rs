@@ -88,6 +88,18 @@ impl<L: Lanes> Four<L> {
         [Self(lanes, x), Self(lanes, y), Self(lanes, z)]
     }
 
+    /// Four singles.
+    #[inline(always)]
+    pub fn singles_of(lanes: L, v: [f32; 4]) -> Self {
+        Self(lanes, lanes.wide_four(v))
+    }
+
+    /// One bit per number: whether self < bound.
+    #[inline(always)]
+    pub fn bits_below(self, bound: Self) -> u8 {
+        self.0.below_four(self.1, bound.1)
+    }
+
     /// To memory.
     #[inline(always)]
     pub fn row(self) -> [f64; 4] {

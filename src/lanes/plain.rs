@@ -126,6 +126,15 @@ impl Lanes for Plain {
         [0, 1, 2, 3].map(|n| if a[n] < b[n] { x[n] } else { y[n] })
     }
     #[inline(always)]
+    fn below_four(self, a: [f64; 4], b: [f64; 4]) -> u8 {
+        let bit = |n: usize| u8::from(a[n] < b[n]) << n;
+        bit(0) | bit(1) | bit(2) | bit(3)
+    }
+    #[inline(always)]
+    fn wide_four(self, v: [f32; 4]) -> [f64; 4] {
+        v.map(f64::from)
+    }
+    #[inline(always)]
     fn min_four(self, a: [f64; 4], b: [f64; 4]) -> [f64; 4] {
         [
             a[0].min(b[0]),

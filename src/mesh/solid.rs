@@ -111,6 +111,18 @@ impl MeshSolid {
         (found.triangle != u32::MAX).then_some(found)
     }
 
+    /// As [`MeshSolid::closest_within`], among some triangles only.
+    pub(crate) fn closest_among(&self, slots: &[u32], p: Vec3, radius: f64) -> Option<Closest> {
+        let found = self.surface.closest_among(slots, p, radius);
+        (found.triangle != u32::MAX).then_some(found)
+    }
+
+    /// Replaces `slots` by all triangles that may be nearer than `reach` to a box: among them is the one
+    /// closest to any point of the box, if it is within reach.
+    pub(crate) fn collect(&self, region: &Aabb, reach: f64, slots: &mut Vec<u32>) {
+        self.surface.collect(region, reach, slots);
+    }
+
     /// The generalised winding number at `p`: exact and whole for a cycle, otherwise within a few
     /// thousandths (far triangles count in groups).
     pub fn winding_number(&self, p: Vec3) -> f64 {

@@ -116,36 +116,87 @@ impl Soup {
         radius: f64,
         hint: Option<usize>,
     ) -> (Closest, usize) {
-        let mut found = (Closest::NOTHING, usize::MAX);
+        let mut search = Search::new(self, p, radius);
+        let best = hint.and_then(|slot| search.visit(slot));
+        self.bvh
+            .nearest(p, best.unwrap_or(radius), |slot| search.visit(slot));
+        search.found
+    }
+
+    /// The closest point on the triangles of some slots, if it is not farther than `radius`.
+    pub(crate) fn closest_among(&self, slots: &[u32], p: Vec3, radius: f64) -> Closest {
+        let mut search = Search::new(self, p, radius);
+        for &slot in slots {
+            search.visit(slot as usize);
+        }
+        search.found.0
+    }
+
+    /// Replaces `found` by the slots of all triangles that may be nearer than `reach` to a box.
+    pub(crate) fn collect(&self, region: &Aabb, reach: f64, found: &mut Vec<u32>) {
+        found.clear();
         let local = self.bvh.local();
-        let mut squared = radius * radius;
-        let mut reach = local.length(radius) as f32;
-        let q = local.point(p);
+        let q = local.point(region.centre().0);
         let q = [q.x as f32, q.y as f32, q.z as f32];
-        let mut try_slot = |slot: usize| {
-            if self.discs[slot].is_beyond(q, reach) {
-                return None;
+        let all = local.length(region.half_diagonal() + reach) as f32;
+        self.bvh.overlapping(&region.dilated(reach), |slot| {
+            if !self.discs[slot].is_beyond(q, all) {
+                found.push(slot as u32);
             }
-            let point = closest_point(&self.corners[slot], p);
-            let d2 = (point - p).norm_squared();
-            let number = self.number[slot];
-            if d2 < squared || (d2 == squared && number < found.0.triangle) {
-                squared = d2;
-                reach = local.length(d2.sqrt()) as f32;
-                found = (
-                    Closest {
-                        distance: d2.sqrt(),
-                        point,
-                        triangle: number,
-                    },
-                    slot,
-                );
-            }
-            (number == found.0.triangle).then_some(found.0.distance)
-        };
-        let best = hint.and_then(&mut try_slot);
-        self.bvh.nearest(p, best.unwrap_or(radius), try_slot);
-        found
+            true
+        });
+    }
+}
+
+/// What a search for the closest point has found so far.
+struct Search<'a> {
+    soup: &'a Soup,
+    p: Vec3,
+    /// In the tree's local frame.
+    q: [f32; 3],
+    squared: f64,
+    reach: f32,
+    found: (Closest, usize),
+}
+
+impl<'a> Search<'a> {
+    fn new(soup: &'a Soup, p: Vec3, radius: f64) -> Self {
+        let local = soup.bvh.local();
+        let q = local.point(p);
+        Self {
+            soup,
+            p,
+            q: [q.x as f32, q.y as f32, q.z as f32],
+            squared: radius * radius,
+            reach: local.length(radius) as f32,
+            found: (Closest::NOTHING, usize::MAX),
+        }
+    }
+
+    /// Tries a slot; gives the distance if it is the closest so far.
+    #[inline]
+    fn visit(&mut self, slot: usize) -> Option<f64> {
+        let soup = self.soup;
+        if soup.discs[slot].is_beyond(self.q, self.reach) {
+            return None;
+        }
+        let point = closest_point(&soup.corners[slot], self.p);
+        let d2 = (point - self.p).norm_squared();
+        let number = soup.number[slot];
+        if d2 < self.squared || (d2 == self.squared && number < self.found.0.triangle) {
+            let distance = d2.sqrt();
+            self.squared = d2;
+            self.reach = soup.bvh.local().length(distance) as f32;
+            self.found = (
+                Closest {
+                    distance,
+                    point,
+                    triangle: number,
+                },
+                slot,
+            );
+        }
+        (number == self.found.0.triangle).then_some(self.found.0.distance)
     }
 }
 

@@ -9,7 +9,8 @@
 
 mod seats;
 
-use super::near::{Asking, Known, Local, Owner};
+use super::boundary::Known;
+use super::near::{Asking, Local, Owner};
 use super::patch::{Patch, Spot, Spots};
 use super::trail::Trail;
 use super::walk::Leg;

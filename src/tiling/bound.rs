@@ -1,6 +1,6 @@
 //! What the tiling's values can be in a box: bounds of the cell over the box's image in each element.
 
-use super::near::Near;
+use super::near::{Local, Near};
 use super::{Distance, Filling, TiledSolid};
 use crate::field::Interval;
 use crate::frame::Aabb;
@@ -11,47 +11,79 @@ const SLACK: f64 = 1e-6;
 impl<F: Filling> TiledSolid<'_, F> {
     /// Bound over all components.
     pub(super) fn bound_of_all(&self, region: &Aabb) -> Interval {
+        let [bound] = self.bounds_of_all(&[*region]);
+        bound
+    }
+
+    /// The same for regions that lie together.
+    pub(super) fn bounds_of_all<const N: usize>(&self, regions: &[Aabb; N]) -> [Interval; N] {
         let w = self.options.half_width;
-        let start = Interval::new(w, w);
-        (0..self.components.len())
-            .map(|c| self.bound_of(c, region))
-            .fold(start, |a, b| {
-                if self.is_cut() || self.components.len() == 1 {
+        let mut all = [Interval::new(w, w); N];
+        for component in 0..self.components.len() {
+            for (a, b) in all.iter_mut().zip(self.bounds_of(component, regions)) {
+                *a = if self.is_cut() || self.components.len() == 1 {
                     Interval::new(a.lo.min(b.lo), a.hi.min(b.hi))
                 } else {
                     // Any of them may govern.
                     a.hull(b)
-                }
-            })
+                };
+            }
+        }
+        all
     }
 
-    /// Bound of one component's distance, its boundary included.
-    fn bound_of(&self, component: usize, region: &Aabb) -> Interval {
+    /// Bounds of one component's distance, its boundary included.
+    fn bounds_of<const N: usize>(&self, component: usize, regions: &[Aabb; N]) -> [Interval; N] {
         let w = self.options.half_width;
         let boundary = &self.components[component].boundary;
-        if self.is_cut() && !boundary.bounds().dilated(w).meets(*region) {
-            return Interval::new(w, w);
+        let around = regions.iter().fold(Aabb::EMPTY, |a, b| a.union(*b));
+        let mut found = [Interval::new(w, w); N];
+        if self.is_cut() && !boundary.bounds().dilated(w).meets(around) {
+            return found;
         }
-        let depth = self.boundary_range(component, region, Interval::ALL);
-        if self.is_cut() && depth.lo >= w {
-            return Interval::new(w, w);
-        }
-        let reach = self.reach(depth.hi);
-        let wide = region.dilated(reach);
-        let near = self.near(component, &wide, self.margin());
-        let field = self
-            .field_range(&near, &wide, 0.0)
-            .map_or(Interval::new(-w, w), |f| {
-                self.distance_range(component, &near, &wide, f)
-            });
+        let mut shore = Vec::new();
+        let mut reach = 0.0;
         if self.is_cut() {
-            Interval::new(
-                field.lo.max(depth.lo).clamp(-w, w),
-                field.hi.max(depth.hi).clamp(-w, w),
-            )
-        } else {
-            field
+            self.find_shore(component, &around, &mut shore);
+            if !shore.is_empty() {
+                reach = self.sight();
+            }
         }
+        let shore = self.is_cut().then_some(&*shore);
+        let near = self.near(component, &around.dilated(reach), self.margin());
+        let depth = self.boundary_range(component, &around, Interval::ALL, (shore, &near.patches));
+        let mut local = Local::rough();
+        for (found, region) in found.iter_mut().zip(regions) {
+            let depth = if N == 1 || depth.hi <= -w || depth.lo >= w {
+                depth
+            } else {
+                self.boundary_range(component, region, depth, (shore, &near.patches))
+            };
+            if self.is_cut() && depth.lo >= w {
+                continue;
+            }
+            let wide = region.dilated(self.reach(depth.hi));
+            if self.is_cut() {
+                self.narrow(&near, &wide, &mut local);
+            } else {
+                local.near = self.near(component, &wide, self.margin());
+            }
+            let near = &local.near;
+            let field = self
+                .field_range(near, &wide, 0.0)
+                .map_or(Interval::new(-w, w), |f| {
+                    self.distance_range(component, near, &wide, f)
+                });
+            *found = if self.is_cut() {
+                Interval::new(
+                    field.lo.max(depth.lo).clamp(-w, w),
+                    field.hi.max(depth.hi).clamp(-w, w),
+                )
+            } else {
+                field
+            };
+        }
+        found
     }
 
     /// How far from a box the points can be at which the field is taken, if the box reaches up to

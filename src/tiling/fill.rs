@@ -1,7 +1,9 @@
 //! The tiling's values in bulk: what can be decided for small boxes is not asked of samples.
 
 use super::batch::{Batch, Target};
-use super::near::{Known, Local, Near};
+use super::boundary::Known;
+use super::near::{Local, Near};
+use super::straight::{Straight, Wanted};
 use super::{Distance, Filling, TiledSolid};
 use crate::field::{Field, Interval, Point, SampleLattice};
 use crate::frame::{Aabb, Vec3, WorldPoint};
@@ -18,15 +20,22 @@ struct Scratch {
     values: Vec<f32>,
     blocks: Vec<Vec<Target>>,
     batch: Batch,
+    straight: Straight,
+    /// Triangles of the boundary near the lattice.
+    shore: Vec<u32>,
 }
 
 thread_local! {
-    static SCRATCH: Cell<Scratch> = Cell::default();
+    static SCRATCH: Cell<Option<Box<Scratch>>> = Cell::default();
 }
 
 impl<F: Filling> TiledSolid<'_, F> {
     /// Values on a lattice, over all components; returns at how many points a cell was looked at.
-    pub(super) fn fill_all(&self, lattice: &SampleLattice<WorldPoint>, out: &mut [f32]) -> u64 {
+    pub(super) fn fill_all(
+        &self,
+        (lattice, wanted): (&SampleLattice<WorldPoint>, Wanted),
+        out: &mut [f32],
+    ) -> u64 {
         let w = self.options.half_width;
         if !self.is_cut() && self.components.len() > 1 {
             for component in 0..self.components.len() {
@@ -45,27 +54,28 @@ impl<F: Filling> TiledSolid<'_, F> {
             let bounds = self.components[*c].boundary.bounds();
             !self.is_cut() || bounds.dilated(w).meets(span)
         };
-        let mut scratch = SCRATCH.take();
+        let mut scratch = SCRATCH.take().unwrap_or_default();
         scratch.batch.looked = 0;
+        scratch.straight.looked = 0;
         out.fill(w as f32);
         let mut first = true;
         for component in (0..self.components.len()).filter(reaches) {
             if first {
-                self.fill_one(component, lattice, &mut scratch, out);
+                self.fill_one(component, (lattice, wanted), &mut scratch, out);
                 first = false;
                 continue;
             }
             let mut values = std::mem::take(&mut scratch.values);
             values.clear();
             values.resize(out.len(), w as f32);
-            self.fill_one(component, lattice, &mut scratch, &mut values);
+            self.fill_one(component, (lattice, wanted), &mut scratch, &mut values);
             for (o, &v) in out.iter_mut().zip(&values) {
                 *o = o.min(v);
             }
             scratch.values = values;
         }
-        let looked = scratch.batch.looked;
-        SCRATCH.set(scratch);
+        let looked = scratch.batch.looked + scratch.straight.looked;
+        SCRATCH.set(Some(scratch));
         looked
     }
 
@@ -80,33 +90,59 @@ impl<F: Filling> TiledSolid<'_, F> {
     fn fill_one(
         &self,
         component: usize,
-        lattice: &SampleLattice<WorldPoint>,
+        (lattice, wanted): (&SampleLattice<WorldPoint>, Wanted),
         scratch: &mut Scratch,
         out: &mut [f32],
     ) {
-        let Scratch { blocks, batch, .. } = scratch;
+        let Scratch {
+            blocks,
+            batch,
+            straight,
+            shore,
+            ..
+        } = scratch;
         let w = self.options.half_width;
         let span = lattice.span();
-        let whole_depth = self.boundary_range(component, &span, Interval::ALL);
+        shore.clear();
+        // Where the boundary is out of sight all elements that matter are near.
+        let mut wide = if self.is_cut() {
+            self.find_shore(component, &span, shore);
+            let reach = if shore.is_empty() { 0.0 } else { self.sight() };
+            self.near(component, &span.dilated(reach), self.margin())
+        } else {
+            self.near(component, &span, self.margin())
+        };
+        let shore = self.is_cut().then_some(&**shore);
+        let around = (shore, &*wide.patches);
+        let whole_depth = self.boundary_range(component, &span, Interval::ALL, around);
         if self.is_cut() && whole_depth.lo >= w {
             out.fill(w as f32);
             return;
         }
-        let reached = span.dilated(self.reach(whole_depth.hi));
-        let wide = self.near(component, &reached, self.margin());
+        if !self.is_cut() {
+            let reached = span.dilated(self.reach(whole_depth.hi));
+            wide = self.near(component, &reached, self.margin());
+        }
         self.note(&wide);
+        if self.options.distance == Distance::Fast && self.are_straight(&wide) {
+            let lattice = (lattice, wanted);
+            let boundary = (whole_depth, shore);
+            self.fill_straight((component, &wide), lattice, boundary, straight, out);
+            return;
+        }
         let mut local = Local::rough();
         for part in parts(lattice) {
             let region = part.span(lattice);
             let depth = if whole_depth.hi <= -w {
                 whole_depth
             } else {
-                self.boundary_range(component, &region, whole_depth)
+                self.boundary_range(component, &region, whole_depth, (shore, &[]))
             };
             let mut known = Known {
                 constant: None,
                 is_deep: depth.hi <= -w,
                 distance: depth.hi.abs().max(depth.lo.abs()),
+                shore,
             };
             let region = region.dilated(self.reach(depth.hi.min(whole_depth.hi)));
             self.narrow(&wide, &region, &mut local);
@@ -143,13 +179,13 @@ impl<F: Filling> TiledSolid<'_, F> {
 }
 
 /// A box of at most 4^3 samples of a lattice, by indices.
-struct PartOfLattice {
-    first: [usize; 3],
-    last: [usize; 3],
+pub(super) struct PartOfLattice {
+    pub first: [usize; 3],
+    pub last: [usize; 3],
 }
 
 impl PartOfLattice {
-    fn span(&self, lattice: &SampleLattice<WorldPoint>) -> Aabb {
+    pub fn span(&self, lattice: &SampleLattice<WorldPoint>) -> Aabb {
         let at = |i: [usize; 3]| -> Vec3 {
             let [_, ny, nz] = lattice.counts;
             lattice.point((i[0] * ny + i[1]) * nz + i[2]).0
@@ -161,7 +197,10 @@ impl PartOfLattice {
     }
 
     /// Storage indices of the part's samples, z fastest.
-    fn indices(&self, lattice: &SampleLattice<WorldPoint>) -> impl Iterator<Item = usize> + use<> {
+    pub fn indices(
+        &self,
+        lattice: &SampleLattice<WorldPoint>,
+    ) -> impl Iterator<Item = usize> + use<> {
         let [_, ny, nz] = lattice.counts;
         let (first, last) = (self.first, self.last);
         (first[0]..=last[0]).flat_map(move |i| {
@@ -211,7 +250,7 @@ impl PartOfLattice {
 }
 
 /// The parts of a lattice, in storage order.
-fn parts(lattice: &SampleLattice<WorldPoint>) -> impl Iterator<Item = PartOfLattice> {
+pub(super) fn parts(lattice: &SampleLattice<WorldPoint>) -> impl Iterator<Item = PartOfLattice> {
     let counts = lattice.counts;
     let [nx, ny, nz] = counts.map(|c| c.div_ceil(PART));
     (0..nx * ny * nz).map(move |n| {

@@ -1,9 +1,9 @@
 //! Which elements matter at a point: its owner, its neighbours, the continuation outside.
 
+use super::boundary::Known;
 use super::patch::{ON_FACE, Patch, Search, Spot, Spots};
 use super::trail::Trail;
-use super::{Boundary, CHORD, Distance, Filling, TiledSolid};
-use crate::field::Interval;
+use super::{Distance, Filling, TiledSolid};
 use crate::frame::{Aabb, Vec3};
 use std::cell::Cell;
 
@@ -26,22 +26,6 @@ pub(super) struct Local {
     is_rough: bool,
     /// The last list of elements, and their trails.
     before: (Vec<u32>, Vec<Cell<Option<Trail>>>),
-}
-
-/// What is known of a point before it is looked at; see [`TiledSolid::value_at`].
-#[derive(Clone, Copy)]
-pub(super) struct Known {
-    pub constant: Option<f64>,
-    pub is_deep: bool,
-    pub distance: f64,
-}
-
-impl Known {
-    pub const NOTHING: Self = Self {
-        constant: None,
-        is_deep: false,
-        distance: f64::INFINITY,
-    };
 }
 
 /// A point's owner: its place in the list of near elements, and the point as it sees it.
@@ -297,7 +281,7 @@ impl<F: Filling> TiledSolid<'_, F> {
                 return self.continued(local, x, boundary.closest(x).point);
             }
             let radius = w.min(known.distance * (1.0 + 1e-9));
-            return match boundary.closest_within(x, radius) {
+            return match known.closest_within(boundary, x, radius) {
                 Some(c) => {
                     let outside = if c.distance < self.on_boundary() {
                         0.0
@@ -319,22 +303,6 @@ impl<F: Filling> TiledSolid<'_, F> {
             .constant
             .unwrap_or_else(|| self.distance(local, at, x));
         self.cut(component, d, x, known)
-    }
-
-    /// The distance `d` of the field at a point of the scaffold, the boundary regarded.
-    pub(super) fn cut(&self, component: usize, d: f64, x: Vec3, known: Known) -> f64 {
-        if known.is_deep || d >= self.options.half_width || !self.is_cut() {
-            return d;
-        }
-        let slack = self.chord_slack();
-        let boundary = &self.components[component].boundary;
-        // The boundary shows only where it is nearer than the surface.
-        match boundary.closest_within(x, slack.max(-d).min(known.distance * (1.0 + 1e-9))) {
-            Some(c) if c.distance < self.on_boundary() => d.max(0.0),
-            Some(c) if c.distance < slack && !boundary.contains(x) => d.max(c.distance),
-            Some(c) => d.max(-c.distance),
-            None => d,
-        }
     }
 
     /// The value at a point that rounding has put between two elements.
@@ -387,46 +355,5 @@ impl<F: Filling> TiledSolid<'_, F> {
         let point = patch.point(self.scaffold, patch.clamp(spot.xi));
         let spot = patch.spot_anyway(self.scaffold, point);
         Some((Owner { place, spot }, point))
-    }
-
-    /// Bounds of the signed distance to a component's boundary over a box, within those of a wider one.
-    /// What lies beyond -w or w is not told apart, except outside where the boundary does not cut.
-    pub(super) fn boundary_range(
-        &self,
-        component: usize,
-        region: &Aabb,
-        wider: Interval,
-    ) -> Interval {
-        let boundary = &self.components[component].boundary;
-        let (centre, radius) = (region.centre().0, region.half_diagonal());
-        let reach = radius + self.options.half_width + self.chord_slack();
-        let inside = wider.hi < 0.0 || (wider.lo <= 0.0 && boundary.contains(centre));
-        let closest = if self.is_cut() || inside {
-            boundary.closest_within(centre, reach)
-        } else {
-            Some(boundary.closest(centre))
-        };
-        match (closest, inside) {
-            (Some(c), true) => Interval::new(-c.distance - radius, radius - c.distance),
-            (Some(c), false) => Interval::new(c.distance - radius, c.distance + radius),
-            (None, true) => Interval::new(f64::NEG_INFINITY, radius - reach),
-            (None, false) => Interval::new(reach - radius, f64::INFINITY),
-        }
-    }
-
-    /// Nearer than this to the boundary's triangles a point lies on them, which is outside: samples
-    /// in the plane of a face must not be told apart by rounding.
-    fn on_boundary(&self) -> f64 {
-        1e-6 * self.options.voxel_size
-    }
-
-    /// Further than this from the boundary's triangles an owner means inside.
-    pub(super) fn chord_slack(&self) -> f64 {
-        2.0 * CHORD * self.options.voxel_size
-    }
-
-    /// Whether the scaffold's outer faces end the solid.
-    pub(super) fn is_cut(&self) -> bool {
-        self.options.boundary == Boundary::Cut
     }
 }

@@ -112,6 +112,11 @@ impl Patch {
         self.walls.outside::<f64>(x.into()) > margin
     }
 
+    /// Whether a point certainly lies deeper than `margin` under the faces.
+    pub fn is_under(&self, x: Vec3, margin: f64) -> bool {
+        self.is_affine() && self.walls.outside::<f64>(x.into()) < -margin
+    }
+
     /// A lower bound of a point's distance to the plane of a face; curved faces have none.
     pub fn face_distance(&self, face: usize, x: Vec3) -> f64 {
         match self.inverse {
@@ -195,6 +200,11 @@ impl Patch {
                 *trail = trail.moved(x, spot);
             }
         }
+    }
+
+    /// The planes around it.
+    pub fn walls(&self) -> &Walls {
+        &self.walls
     }
 
     /// d xi / d x and the centre of an affine element.

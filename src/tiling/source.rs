@@ -35,6 +35,17 @@ pub trait CellField: Field<Point = CellPoint<3>> {
             *s = Field::value_and_gradient(self, p);
         }
     }
+    /// The same in single precision: value, and derivatives by x, y and z.
+    fn samples(&self, points: &[CellPoint<3>], out: &mut [[f32; 4]]) {
+        for (s, &p) in out.iter_mut().zip(points) {
+            *s = single(Field::value_and_gradient(self, p));
+        }
+    }
+}
+
+/// Value and gradient in single precision.
+fn single((value, slope): (f64, Vec3)) -> [f32; 4] {
+    [value, slope.x, slope.y, slope.z].map(|v| v as f32)
 }
 
 /// Points that a table is asked for together.
@@ -76,6 +87,9 @@ impl CellField for Table {
                 *s = (v, Vec3::new(x, y, z));
             }
         }
+    }
+    fn samples(&self, points: &[CellPoint<3>], out: &mut [[f32; 4]]) {
+        self.values_and_gradients(points, out);
     }
 }
 
@@ -139,6 +153,13 @@ pub trait Filling: Send + Sync {
         }
     }
 
+    /// The same in single precision: value, and derivatives by the reference coordinates.
+    fn samples(&self, element: usize, points: &[CellPoint<3>], out: &mut [[f32; 4]]) {
+        for (s, &p) in out.iter_mut().zip(points) {
+            *s = single(self.value_and_gradient(element, p));
+        }
+    }
+
     /// Contains every value over a box within the reference cell.
     fn bound(&self, element: usize, region: &CellBox<3>) -> Interval;
 
@@ -194,6 +215,10 @@ impl<C: CellField> Filling for C {
 
     fn slopes(&self, _: usize, points: &[CellPoint<3>], out: &mut [(f64, Vec3)]) {
         CellField::slopes(self, points, out);
+    }
+
+    fn samples(&self, _: usize, points: &[CellPoint<3>], out: &mut [[f32; 4]]) {
+        CellField::samples(self, points, out);
     }
 
     fn bound(&self, _: usize, region: &CellBox<3>) -> Interval {

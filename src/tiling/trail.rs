@@ -72,8 +72,9 @@ impl Trail {
         by
     }
 
+    /// d xi / d x at the trail's start, by rows.
     #[inline(always)]
-    fn rows<T: Number>(&self, like: T) -> Matrix<T> {
+    pub fn rows<T: Number>(&self, like: T) -> Matrix<T> {
         let m = &self.inverse;
         [
             alike(like, Vec3::new(m[0], m[3], m[6])),

@@ -19,13 +19,13 @@ const STEEPEST: f64 = 10.0;
 /// How far a walk in one element may go.
 #[derive(Clone, Copy)]
 pub(super) struct Pace {
-    damping: f64,
+    pub damping: f64,
     /// Values nearer to 0 are zeros.
-    zero: f64,
+    pub zero: f64,
     /// Of a step, world units.
     longest: f64,
-    /// Distance per field unit.
-    scales: [f64; 2],
+    /// Least and greatest distance per field unit.
+    pub scales: [f64; 2],
 }
 
 impl Pace {
@@ -114,7 +114,7 @@ fn turned<L: Lanes>(lanes: L, matrices: &[Mat3]) -> Matrix<Four<L>> {
 
 /// Gradients by the world from those by the cell.
 #[inline(always)]
-fn to_world<T: Number>(by: Matrix<T>, g: [T; 3]) -> [T; 3] {
+pub(super) fn to_world<T: Number>(by: Matrix<T>, g: [T; 3]) -> [T; 3] {
     let zero = g[0].like(0.0);
     [
         dot([by[0][0], by[1][0], by[2][0]], g, zero),
@@ -126,7 +126,7 @@ fn to_world<T: Number>(by: Matrix<T>, g: [T; 3]) -> [T; 3] {
 impl Pace {
     /// A damped Newton step from where value and gradient are these.
     #[inline(always)]
-    fn step<T: Number>(&self, f: T, g: [T; 3], square: T) -> [T; 3] {
+    pub fn step<T: Number>(&self, f: T, g: [T; 3], square: T) -> [T; 3] {
         let zero = f.like(0.0);
         let rate = (zero - f) / (square + f.like(self.damping));
         let length = (square * rate * rate).sqrt();

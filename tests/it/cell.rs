@@ -169,6 +169,12 @@ fn values_gradients_and_bounds_are_those_of_the_reference() {
                 "{} {found}",
                 table.gradient_sup()
             );
+            // Nor is the bound much more than what there is.
+            assert!(
+                table.gradient_sup() < 1.15 * found,
+                "{} {found}",
+                table.gradient_sup()
+            );
         }
     }
 }

@@ -16,6 +16,7 @@ mod cosines;
 mod counts;
 mod distances;
 mod mixed;
+mod straight;
 
 use cosines::Cosines;
 

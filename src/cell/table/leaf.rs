@@ -2,14 +2,15 @@
 
 use super::build::Spectrum;
 use super::grid::Grid;
-use super::pyramid::{Pyramid, scan};
+use super::hull::{TOGETHER, hulls};
+use super::pyramid::{Pyramid, Range};
 use super::spline::Spline;
 use crate::field::Interval;
 use crate::frame::{CellBox, CellPoint, Element, Face, Mat3, Vec3};
 use rayon::prelude::*;
 
 /// Single precision: what rounding adds to an interval, relative to the largest coefficient.
-const ROUNDING: f64 = 2e-6;
+const ROUNDING: f64 = 3e-6;
 
 /// A series as a spline. Where operators of its group do not keep the grid (those of order 3 about z,
 /// on a grid along x and y), the value is the mean over the turned points.
@@ -181,14 +182,20 @@ fn steepest_over(coefficients: &[f32], grid: &Grid, element: Element, whole_grou
     let in_slab = |i: i64| {
         let mut steepest = 0f32;
         for j in ys.clone().filter(|&j| near(i, j)) {
+            // Of the row's cells that were bounded last.
+            let (mut last, mut ranges) = (usize::MAX, [Range::NOTHING; TOGETHER]);
             for k in zs.clone().filter(|&k| near(i, k)) {
                 let at = [i, j, k];
                 let lo = Vec3::from_fn(|a, _| at[a] as f64).component_mul(&step);
                 if faces.iter().all(|f| meets(f, lo, step)) {
                     let cell = [0, 1, 2].map(|a| at[a].rem_euclid(grid.samples[a] as i64));
                     let cell = cell.map(|c| c as usize);
-                    let range = scan(coefficients, grid, cell, 1);
-                    steepest = steepest.max(range.steepest);
+                    let [x, y, z] = cell;
+                    if z / TOGETHER != last {
+                        last = z / TOGETHER;
+                        ranges = hulls(coefficients, grid, [x, y, last * TOGETHER]);
+                    }
+                    steepest = steepest.max(ranges[z % TOGETHER].steepest);
                 }
             }
         }

@@ -1,24 +1,31 @@
-//! Extremes of B-spline coefficients over ranges of spline cells: overlapping windows of many sizes.
+//! Extremes of a spline over ranges of spline cells: overlapping windows of many sizes.
 
 use super::grid::Grid;
+use super::hull::{TOGETHER, hulls};
 
-/// Extremes of the coefficients that matter in a range of spline cells.
+/// Extremes over a range of spline cells.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Range {
-    /// Least coefficient.
+    /// Bound of the values from below.
     pub least: f32,
-    /// Greatest coefficient.
+    /// Bound of the values from above.
     pub greatest: f32,
     /// Bound of the gradient's length, per unit of reference length.
     pub steepest: f32,
 }
 
 impl Range {
-    const NOTHING: Self = Self {
+    pub(super) const NOTHING: Self = Self {
         least: f32::INFINITY,
         greatest: f32::NEG_INFINITY,
         steepest: 0.0,
     };
+
+    fn join(&mut self, other: &Self) {
+        self.least = self.least.min(other.least);
+        self.greatest = self.greatest.max(other.greatest);
+        self.steepest = self.steepest.max(other.steepest);
+    }
 }
 
 /// Steps from 0 to the greatest number that windows hold.
@@ -192,38 +199,6 @@ impl Pyramid {
     }
 }
 
-/// Extremes over a block of `edge` spline cells per axis, straight from the padded coefficients; an
-/// axis with one sample has one cell.
-pub(super) fn scan(c: &[f32], grid: &Grid, [x, y, z]: [usize; 3], edge: usize) -> Range {
-    let [_, sy, sz] = grid.padded();
-    let reach = grid.samples.map(|n| edge.min(n) + 3);
-    let mut range = Range::NOTHING;
-    let mut slope = [0f32; 3];
-    for i in x..x + reach[0] {
-        for j in y..y + reach[1] {
-            for k in z..z + reach[2] {
-                let at = (i * sy + j) * sz + k;
-                let v = c[at];
-                range.least = range.least.min(v);
-                range.greatest = range.greatest.max(v);
-                if i < x + reach[0] - 1 {
-                    slope[0] = slope[0].max((c[at + sy * sz] - v).abs());
-                }
-                if j < y + reach[1] - 1 {
-                    slope[1] = slope[1].max((c[at + sz] - v).abs());
-                }
-                if k < z + reach[2] - 1 {
-                    slope[2] = slope[2].max((c[at + 1] - v).abs());
-                }
-            }
-        }
-    }
-    let scale = grid.per_unit();
-    let square: f32 = (0..3).map(|a| (slope[a] * scale[a] as f32).powi(2)).sum();
-    range.steepest = square.sqrt();
-    range
-}
-
 /// Windows of two spline cells, side by side, and what their steps are worth.
 fn base(coefficients: &[f32], grid: &Grid, largest: f32) -> (Units, Level) {
     use rayon::prelude::*;
@@ -234,9 +209,14 @@ fn base(coefficients: &[f32], grid: &Grid, largest: f32) -> (Units, Level) {
         .par_chunks_mut(plane_size)
         .enumerate()
         .for_each(|(i, plane)| {
-            for (jk, range) in plane.iter_mut().enumerate() {
-                let (j, k) = (jk / count[2], jk % count[2]);
-                *range = scan(coefficients, grid, [2 * i, 2 * j, 2 * k], 2);
+            let [nx, ny, nz] = grid.samples;
+            for x in (2 * i..2 * i + 2).filter(|&x| x < nx) {
+                for (y, z) in (0..ny).flat_map(|y| (0..nz).step_by(TOGETHER).map(move |z| (y, z))) {
+                    let all = hulls(coefficients, grid, [x, y, z]);
+                    for (z, own) in (z..nz).zip(&all) {
+                        plane[y / 2 * count[2] + z / 2].join(own);
+                    }
+                }
             }
         });
     let steepest = ranges.iter().fold(0f32, |m, r| m.max(r.steepest));

@@ -1,0 +1,479 @@
+//! The tiling's values in bulk among straight elements, whose maps are affine: whole rows of samples are
+//! placed in an element without a search.
+//!
+//! Samples go by blocks of 2^3. The field at a block's centre decides most of them: with L the slope's
+//! bound and R the block's half diagonal, |F| >= L (R + w) there means |F| >= L w at all samples, whatever
+//! elements they lie in, for F is continuous. What is left goes through rule Q by eight blocks at a time.
+//! What lies outside the scaffold waits, and is measured at the boundary's closest points by as many.
+
+mod bundle;
+mod rule;
+mod steps;
+
+use super::boundary::Known;
+use super::fill::{PartOfLattice, parts};
+use super::near::{Local, Near};
+use super::{Filling, TiledSolid};
+use crate::field::{Interval, Point, SampleLattice};
+use crate::frame::{Aabb, Vec3, WorldPoint};
+use bundle::{Bundle, MOST, bits};
+use rule::Rule;
+pub(super) use rule::Wanted;
+
+/// Samples along the edge of a block.
+const BLOCK: usize = 2;
+/// Samples of a block.
+const VOLUME: usize = BLOCK * BLOCK * BLOCK;
+/// Of boxes with so many edges of one sample's distance, in such distances.
+const DIAGONALS: [f64; 4] = [0.0, 1.0, std::f64::consts::SQRT_2, 1.732_050_807_568_877_2];
+/// With more near elements than this the parts of a lattice are taken one by one.
+const MANY: usize = 24;
+/// Further outside all elements than this share of a voxel a point is not between two by rounding.
+const GAP: f64 = 1e-6;
+
+/// A block of samples: its first, counts by axis, and the part of the lattice that it is of.
+#[derive(Clone, Copy)]
+struct Block {
+    first: [usize; 3],
+    count: [usize; 3],
+    part: usize,
+    /// From the centre to the farthest sample, world units.
+    radius: f64,
+}
+
+/// A sample in no element.
+#[derive(Clone, Copy)]
+struct Stray {
+    n: usize,
+    x: Vec3,
+    part: usize,
+}
+
+/// What is known of a part of a lattice.
+#[derive(Clone, Copy)]
+struct Part {
+    /// Whether it lies deeper under the boundary than the band reaches.
+    is_deep: bool,
+    /// The greatest distance to the boundary.
+    distance: f64,
+    /// How far off the field may be taken.
+    reach: f64,
+}
+
+/// Room for the work, kept between lattices.
+#[derive(Default)]
+pub(super) struct Straight {
+    parts: Vec<Part>,
+    blocks: Vec<Block>,
+    bundle: Bundle,
+    centres: Rule,
+    samples: Rule,
+    /// Of the near elements those that matter to a bundle, by place.
+    places: Vec<u32>,
+    strays: Vec<Stray>,
+    at: [Vec<f64>; 3],
+    /// At how many points a cell was looked at.
+    pub looked: u64,
+}
+
+/// The part of a lattice that is being measured.
+struct Scene<'a> {
+    component: usize,
+    near: &'a Near,
+    lattice: &'a SampleLattice<WorldPoint>,
+    wanted: Wanted,
+    /// Triangles of the boundary that may show.
+    shore: Option<&'a [u32]>,
+    /// Coordinates of the lattice's samples along each axis.
+    at: &'a [Vec<f64>; 3],
+}
+
+impl<'a> Scene<'a> {
+    fn known(&self, part: &Part) -> Known<'a> {
+        Known {
+            constant: None,
+            is_deep: part.is_deep,
+            distance: part.distance,
+            shore: self.shore,
+        }
+    }
+
+    fn index(&self, [i, j, k]: [usize; 3]) -> usize {
+        let [_, ny, nz] = self.lattice.counts;
+        (i * ny + j) * nz + k
+    }
+
+    fn point(&self, [i, j, k]: [usize; 3]) -> Vec3 {
+        Vec3::new(self.at[0][i], self.at[1][j], self.at[2][k])
+    }
+}
+
+impl Block {
+    /// Of the block from a sample on, not beyond another one.
+    fn new(first: [usize; 3], last: [usize; 3], part: usize, step: f64) -> Self {
+        let count = [0, 1, 2].map(|a| BLOCK.min(last[a] + 1 - first[a]));
+        let edges: usize = count.iter().map(|c| c - 1).sum();
+        Self {
+            first,
+            count,
+            part,
+            radius: step * DIAGONALS[edges] / 2.0,
+        }
+    }
+
+    /// Coordinates of its first and of its last sample, by axis.
+    fn ends(&self, scene: &Scene) -> [[f64; BLOCK]; 3] {
+        let of = |a: usize| {
+            let at = &scene.at[a];
+            [at[self.first[a]], at[self.first[a] + self.count[a] - 1]]
+        };
+        [of(0), of(1), of(2)]
+    }
+
+    fn is_whole(&self) -> bool {
+        self.count == [BLOCK; 3]
+    }
+
+    /// Its samples among the eight places of a block: a bit each.
+    fn places(&self) -> u64 {
+        if self.is_whole() {
+            return 0xff;
+        }
+        let has = |n: usize| (0..3).all(|a| place(n)[a] < self.count[a]);
+        (0..VOLUME).fold(0, |bits, n| bits | u64::from(has(n)) << n)
+    }
+
+    /// The sample at a place of the block.
+    fn index(&self, n: usize) -> [usize; 3] {
+        let own = place(n);
+        [0, 1, 2].map(|a| self.first[a] + own[a])
+    }
+}
+
+/// A place of the eight of a block, by axis.
+fn place(n: usize) -> [usize; 3] {
+    [n >> 2 & 1, n >> 1 & 1, n & 1]
+}
+
+impl<F: Filling> TiledSolid<'_, F> {
+    /// Whether all of some elements are straight.
+    pub(super) fn are_straight(&self, near: &Near) -> bool {
+        let mut all = near.patches.iter();
+        all.all(|&e| self.patches[e as usize].is_affine())
+    }
+
+    /// Values of one component among straight elements, its boundary included; `depth` bounds the distance
+    /// to the boundary.
+    pub(super) fn fill_straight(
+        &self,
+        (component, near): (usize, &Near),
+        (lattice, wanted): (&SampleLattice<WorldPoint>, Wanted),
+        (depth, shore): (Interval, Option<&[u32]>),
+        room: &mut Straight,
+        out: &mut [f32],
+    ) {
+        let w = self.options.half_width;
+        let mut at = std::mem::take(&mut room.at);
+        for (axis, at) in at.iter_mut().enumerate() {
+            let coordinate = |n| lattice.origin.stepped(lattice.step, [n; 3]).0[axis];
+            at.clear();
+            at.extend((0..lattice.counts[axis]).map(coordinate));
+        }
+        let whole = Scene {
+            component,
+            near,
+            lattice,
+            wanted,
+            shore,
+            at: &at,
+        };
+        if near.patches.len() <= MANY {
+            room.parts.clear();
+            room.blocks.clear();
+            for part in parts(lattice) {
+                self.enter(&whole, &part, depth, room, out);
+            }
+            self.fill_blocks(&whole, room, out);
+            room.at = at;
+            return;
+        }
+        let mut local = Local::rough();
+        for part in parts(lattice) {
+            let region = part.span(lattice);
+            room.parts.clear();
+            room.blocks.clear();
+            let own = self.depth_of((component, near), &region, depth, shore);
+            if self.is_cut() && own.lo >= w {
+                part.indices(lattice).for_each(|n| out[n] = w as f32);
+                continue;
+            }
+            self.narrow(near, &region.dilated(self.reach(own.hi)), &mut local);
+            let scene = Scene {
+                near: &local.near,
+                ..whole
+            };
+            self.enter(&scene, &part, own, room, out);
+            self.fill_blocks(&scene, room, out);
+        }
+        room.at = at;
+    }
+
+    /// Bounds of the distance to the boundary over a box within a wider one.
+    fn depth_of(
+        &self,
+        (component, near): (usize, &Near),
+        region: &Aabb,
+        wider: Interval,
+        shore: Option<&[u32]>,
+    ) -> Interval {
+        if wider.hi <= -self.options.half_width {
+            wider
+        } else {
+            self.boundary_range(component, region, wider, (shore, &near.patches))
+        }
+    }
+
+    /// Enters the blocks of a part that its depth does not decide.
+    fn enter(
+        &self,
+        scene: &Scene,
+        part: &PartOfLattice,
+        depth: Interval,
+        room: &mut Straight,
+        out: &mut [f32],
+    ) {
+        let w = self.options.half_width;
+        let near = (scene.component, scene.near);
+        let depth = self.depth_of(near, &part.span(scene.lattice), depth, scene.shore);
+        if self.is_cut() && depth.lo >= w {
+            part.indices(scene.lattice).for_each(|n| out[n] = w as f32);
+            return;
+        }
+        let number = room.parts.len();
+        room.parts.push(Part {
+            is_deep: depth.hi <= -w,
+            distance: depth.hi.abs().max(depth.lo.abs()),
+            reach: self.reach(depth.hi),
+        });
+        let along = |a: usize| (part.first[a]..=part.last[a]).step_by(BLOCK);
+        for (i, j) in along(0).flat_map(|i| along(1).map(move |j| (i, j))) {
+            let block = |k| Block::new([i, j, k], part.last, number, scene.lattice.step);
+            room.blocks.extend(along(2).map(block));
+        }
+    }
+
+    /// Values of all blocks.
+    fn fill_blocks(&self, scene: &Scene, room: &mut Straight, out: &mut [f32]) {
+        let step = scene.lattice.step;
+        let w = self.options.half_width;
+        let reach = match scene.wanted {
+            Wanted::Distances => w,
+            // More than rounding.
+            Wanted::Signs => 1e-3 * step,
+        };
+        let mut values = [0.0; MOST];
+        let all = std::mem::take(&mut room.blocks);
+        for blocks in all.chunks(MOST) {
+            room.bundle.clear();
+            for block in blocks {
+                let middle = |[a, b]: [f64; BLOCK]| f64::midpoint(a, b);
+                room.bundle.push(block.ends(scene).map(middle), true);
+            }
+            room.bundle.fill_up();
+            let near = scene.near.patches.iter();
+            let patches = near.map(|&e| &self.patches[e as usize]);
+            // A voxel's margin is enough for reference coordinates of what elements own.
+            room.centres.place(patches, &room.bundle, self.delta());
+            self.field_of(scene.near, &mut room.centres, &mut values);
+            let owned = room.centres.owned;
+            room.looked += u64::from(owned.count_ones());
+            let mut open = 0u64;
+            for (n, block) in blocks.iter().enumerate() {
+                let known = scene.known(&room.parts[block.part]);
+                let radius = block.radius;
+                let is_owned = owned >> n & 1 != 0;
+                let is_far = is_owned && values[n].abs() >= scene.near.slope_sup * (radius + reach);
+                // All of a deep block lies in elements; of others one must hold it.
+                let holds = || {
+                    let own = room.centres.placed[..scene.near.patches.len()].iter();
+                    let mut own = own.filter(|p| p.owns >> n & 1 != 0);
+                    own.any(|p| p.outside(n) <= -radius)
+                };
+                if !(is_far && (known.is_deep || holds())) {
+                    open |= 1 << n;
+                    continue;
+                }
+                let d = if values[n] < 0.0 { -w } else { w };
+                for index in bits(block.places()).map(|n| block.index(n)) {
+                    out[scene.index(index)] = self.ended(scene, d, index, known) as f32;
+                }
+            }
+            let mut group = [0; MOST / VOLUME];
+            let mut count = 0;
+            for n in bits(open) {
+                group[count] = n;
+                count += 1;
+                if count == group.len() {
+                    self.fill_group(scene, (blocks, &group), room, out);
+                    count = 0;
+                }
+            }
+            if count > 0 {
+                self.fill_group(scene, (blocks, &group[..count]), room, out);
+            }
+        }
+        room.blocks = all;
+        self.fill_strays(scene, room, out);
+    }
+
+    /// The distance `d` at a sample of the scaffold, the boundary regarded.
+    #[inline]
+    fn ended(&self, scene: &Scene, d: f64, index: [usize; 3], known: Known) -> f64 {
+        if known.is_deep || !self.is_cut() {
+            return d;
+        }
+        match scene.wanted {
+            Wanted::Distances => self.cut(scene.component, d, scene.point(index), known),
+            // Only on the boundary itself does the sign change.
+            Wanted::Signs if d >= 0.0 => d,
+            Wanted::Signs => {
+                let near = -self.on_boundary();
+                let at = scene.point(index);
+                if self.cut(scene.component, near, at, known) < 0.0 {
+                    d
+                } else {
+                    0.0
+                }
+            }
+        }
+    }
+
+    /// Values of some blocks, given by their numbers, whose centres have been placed.
+    fn fill_group(
+        &self,
+        scene: &Scene,
+        (blocks, group): (&[Block], &[usize]),
+        room: &mut Straight,
+        out: &mut [f32],
+    ) {
+        let Straight {
+            parts,
+            bundle,
+            centres,
+            samples,
+            places,
+            strays,
+            looked,
+            ..
+        } = room;
+        bundle.clear();
+        for &n in group {
+            bundle.push_block(blocks[n].ends(scene), blocks[n].places());
+        }
+        // What is within reach of a sample is within reach of its block's centre and the radius.
+        let margin = |n: usize| {
+            let block = &blocks[n];
+            block.radius + self.delta() + parts[block.part].reach
+        };
+        places.clear();
+        for (place, placed) in (0..scene.near.patches.len() as u32).zip(&centres.placed) {
+            if group.iter().any(|&n| placed.outside(n) <= margin(n)) {
+                places.push(place);
+            }
+        }
+        self.rule_q((scene.near, places), bundle, scene.wanted, samples);
+        *looked += u64::from(bundle.real.count_ones());
+        for n in bits(bundle.real) {
+            let block = &blocks[group[n / VOLUME]];
+            let known = scene.known(&parts[block.part]);
+            let index = block.index(n);
+            if samples.owned >> n & 1 != 0 {
+                out[scene.index(index)] = self.ended(scene, samples.d[n], index, known) as f32;
+                continue;
+            }
+            let stray = Stray {
+                n: scene.index(index),
+                x: bundle.point(n),
+                part: block.part,
+            };
+            let is_outside = samples.outside(places.len(), n) > GAP * self.options.voxel_size;
+            if is_outside && self.is_cut() && scene.wanted == Wanted::Signs {
+                out[stray.n] = self.options.half_width as f32;
+            } else if is_outside {
+                strays.push(stray);
+            } else {
+                // Perhaps in a gap between elements.
+                out[stray.n] = self.alone(scene, &stray, known) as f32;
+            }
+        }
+    }
+
+    /// The value at a sample, looked for by itself.
+    fn alone(&self, scene: &Scene, stray: &Stray, known: Known) -> f64 {
+        let near = Near {
+            patches: scene.near.patches.clone(),
+            slope_sup: scene.near.slope_sup,
+        };
+        self.value_at(scene.component, &mut Local::new(near), stray.x, known)
+    }
+
+    /// Values outside the scaffold: at the closest points of its boundary, and not less than the distance
+    /// to them where the boundary cuts.
+    fn fill_strays(&self, scene: &Scene, room: &mut Straight, out: &mut [f32]) {
+        let w = self.options.half_width;
+        let boundary = &self.components[scene.component].boundary;
+        let strays = std::mem::take(&mut room.strays);
+        for strays in strays.chunks(MOST) {
+            room.bundle.clear();
+            let mut feet = Aabb::EMPTY;
+            let mut asked = [(0, 0.0); MOST];
+            for (number, stray) in strays.iter().enumerate() {
+                let closest = if self.is_cut() {
+                    let known = scene.known(&room.parts[stray.part]);
+                    let radius = w.min(known.distance * (1.0 + 1e-9));
+                    known.closest_within(boundary, stray.x, radius)
+                } else {
+                    Some(boundary.closest(stray.x))
+                };
+                let Some(closest) = closest else {
+                    out[stray.n] = w as f32;
+                    continue;
+                };
+                let outside = match self.is_cut() {
+                    true if closest.distance < self.on_boundary() => 0.0,
+                    true => closest.distance,
+                    false => -w,
+                };
+                asked[room.bundle.len()] = (number, outside);
+                let q = closest.point;
+                feet = feet.union(Aabb { min: q, max: q });
+                room.bundle.push(q.into(), true);
+            }
+            room.bundle.fill_up();
+            if room.bundle.len() == 0 {
+                continue;
+            }
+            let (centre, half) = (feet.centre().0, feet.size() / 2.0);
+            room.places.clear();
+            for (place, &e) in (0..).zip(&scene.near.patches) {
+                if !self.patches[e as usize].misses(centre, half, self.delta()) {
+                    room.places.push(place);
+                }
+            }
+            let near = (scene.near, &*room.places);
+            self.rule_q(near, &room.bundle, scene.wanted, &mut room.samples);
+            for n in bits(room.bundle.real) {
+                let (number, outside) = asked[n];
+                let stray = &strays[number];
+                out[stray.n] = if room.samples.owned >> n & 1 != 0 {
+                    room.samples.d[n].max(outside).min(w) as f32
+                } else {
+                    self.alone(scene, stray, scene.known(&room.parts[stray.part])) as f32
+                };
+            }
+        }
+        room.looked += strays.len() as u64;
+        room.strays = strays;
+        room.strays.clear();
+    }
+}

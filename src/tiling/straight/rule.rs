@@ -1,0 +1,205 @@
+//! Rule Q for a bundle of points among straight elements.
+
+use super::bundle::{Bundle, MOST, Placed, bits};
+use super::steps::Walk;
+use crate::frame::CellPoint;
+use crate::tiling::near::Near;
+use crate::tiling::patch::Patch;
+use crate::tiling::{Filling, TiledSolid};
+
+/// What is wanted of points.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(in crate::tiling) enum Wanted {
+    Distances,
+    /// A value of the right sign.
+    Signs,
+}
+
+/// What is found of a bundle's points.
+pub(super) struct Rule {
+    /// By element, in the order in which they were given.
+    pub placed: Vec<Placed>,
+    /// Which points lie in an element.
+    pub owned: u64,
+    /// Their distances, clamped to the band; the boundary not regarded.
+    pub d: [f64; MOST],
+    /// Values of the field, and gradients by the owner's reference coordinates.
+    slopes: [[f32; 4]; MOST],
+    /// How deep points lie in their owners, world units.
+    depth: [f64; MOST],
+    /// Sums of scales, and of their weights.
+    sums: [[f64; 2]; MOST],
+    /// Points of the walk: their numbers, and their weights.
+    items: [(u8, f64); MOST],
+    walk: Walk,
+}
+
+impl Default for Rule {
+    fn default() -> Self {
+        Self {
+            placed: Vec::new(),
+            owned: 0,
+            d: [0.0; MOST],
+            slopes: [[0.0; 4]; MOST],
+            depth: [0.0; MOST],
+            sums: [[0.0; 2]; MOST],
+            items: [(0, 0.0); MOST],
+            walk: Walk::default(),
+        }
+    }
+}
+
+impl Rule {
+    /// Places points in some of the near elements, and finds their owners: those of lowest number.
+    pub fn place<'a>(
+        &mut self,
+        patches: impl ExactSizeIterator<Item = &'a Patch>,
+        bundle: &Bundle,
+        delta: f64,
+    ) {
+        let count = patches.len();
+        if self.placed.len() < count {
+            self.placed.resize_with(count, Placed::default);
+        }
+        let mut open = bundle.real;
+        for (placed, patch) in self.placed.iter_mut().zip(patches) {
+            patch.place(bundle, delta, placed);
+            placed.owns &= open;
+            open &= !placed.owns;
+        }
+        self.owned = bundle.real & !open;
+    }
+
+    /// How far from the nearest of so many elements a point is at least.
+    pub fn outside(&self, count: usize, n: usize) -> f64 {
+        let all = self.placed[..count].iter();
+        all.map(|p| p.outside(n)).fold(f64::INFINITY, f64::min)
+    }
+}
+
+/// Gathers reference coordinates of points; gives how many there are.
+fn gather(placed: &Placed, which: u64, at: &mut [CellPoint<3>; MOST]) -> usize {
+    let mut count = 0;
+    for n in bits(which) {
+        at[count % MOST] = placed.xi(n);
+        count += 1;
+    }
+    count
+}
+
+impl<F: Filling> TiledSolid<'_, F> {
+    /// The field at those points of a placed bundle that elements own, into `values` of their numbers.
+    pub(super) fn field_of(&self, near: &Near, rule: &mut Rule, values: &mut [f64; MOST]) {
+        let mut found = [0.0; MOST];
+        for (placed, &element) in rule.placed.iter().zip(&near.patches) {
+            let count = gather(placed, placed.owns, &mut rule.walk.at);
+            let found = &mut found[..count];
+            self.filling
+                .values(element as usize, &rule.walk.at[..count], found);
+            for (n, v) in bits(placed.owns).zip(found) {
+                values[n] = *v;
+            }
+        }
+    }
+
+    /// Distances of a bundle's points among these of the near elements, by ascending number.
+    pub(super) fn rule_q(
+        &self,
+        (near, places): (&Near, &[u32]),
+        bundle: &Bundle,
+        wanted: Wanted,
+        rule: &mut Rule,
+    ) {
+        let (w, delta) = (self.options.half_width, self.delta());
+        let patch = |&place: &u32| &self.patches[near.patches[place as usize] as usize];
+        rule.place(places.iter().map(patch), bundle, delta);
+        let sup = places
+            .iter()
+            .map(|p| patch(p).slope_sup)
+            .fold(0.0, f64::max);
+        // Every scale is at least 1 / L.
+        let most = w * sup;
+        let Rule {
+            placed,
+            d,
+            slopes,
+            depth,
+            sums,
+            items,
+            walk,
+            ..
+        } = rule;
+        let (mut band, mut shared) = (0u64, 0u64);
+        let both = || places.iter().enumerate();
+        for (number, place) in both() {
+            let placed = &placed[number];
+            if placed.owns == 0 {
+                continue;
+            }
+            let count = gather(placed, placed.owns, &mut walk.at);
+            let element = patch(place).number();
+            let found = &mut walk.slopes[..count];
+            self.filling.samples(element, &walk.at[..count], found);
+            for (n, &slope) in bits(placed.owns).zip(&*found) {
+                let f = f64::from(slope[0]);
+                if wanted == Wanted::Signs || f.abs() >= most {
+                    d[n] = if f < 0.0 { -w } else { w };
+                    continue;
+                }
+                slopes[n] = slope;
+                depth[n] = (-placed.outside(n)).max(0.0);
+                band |= 1 << n;
+                shared |= u64::from(depth[n] < delta) << n;
+            }
+        }
+        if band == 0 {
+            return;
+        }
+        for n in bits(band) {
+            sums[n] = [0.0; 2];
+        }
+        // In order of element numbers, so that both sides of a face sum alike.
+        for (number, place) in both() {
+            let placed = &placed[number];
+            let own = placed.owns & band;
+            let mut count = gather(placed, own, &mut walk.at);
+            for (k, n) in bits(own).enumerate() {
+                items[k] = (n as u8, 1.0);
+                walk.slopes[k] = slopes[n];
+            }
+            let first = count;
+            for n in bits(placed.shares & shared & !placed.owns) {
+                let weight = 1.0 - placed.outside(n).max(depth[n]) / delta;
+                if weight > 0.0 {
+                    items[count % MOST] = (n as u8, weight);
+                    walk.at[count % MOST] = placed.xi(n);
+                    count += 1;
+                }
+            }
+            if count == 0 {
+                continue;
+            }
+            let patch = patch(place);
+            let guests = first..count;
+            let at = &walk.at[guests.clone()];
+            self.filling
+                .samples(patch.number(), at, &mut walk.slopes[guests]);
+            let (pace, map) = (self.pace(patch), patch.start());
+            walk.len = count;
+            walk.set_off(pace, &map);
+            let found = &mut walk.slopes[..count];
+            self.filling
+                .samples(patch.number(), &walk.at[..count], found);
+            walk.arrive(pace, &map);
+            for (k, &(n, weight)) in items[..count].iter().enumerate() {
+                let sum = &mut sums[n as usize % MOST];
+                sum[0] += weight * walk.scale(k);
+                sum[1] += weight;
+            }
+        }
+        for n in bits(band) {
+            let [scales, weights] = sums[n];
+            d[n] = (f64::from(slopes[n][0]) * scales / weights).clamp(-w, w);
+        }
+    }
+}

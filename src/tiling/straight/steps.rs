@@ -1,0 +1,129 @@
+//! Both steps of rule Q in a straight element, four points at a time: the map is the same everywhere.
+// Small functions of hot paths, which must be compiled for the processor that their caller is for;
+// arithmetic on lanes stands in no closure, which would not be.
+#![allow(clippy::inline_always)]
+
+use super::bundle::{MOST, Row};
+use crate::frame::{CellPoint, Vec3};
+use crate::lanes::{self, Four, Lanes, Number, Work};
+use crate::tiling::place::{dot, product, rows};
+use crate::tiling::trail::Trail;
+use crate::tiling::walk::{Pace, to_world};
+
+/// Points that walk in one element.
+pub(super) struct Walk {
+    /// Where they are.
+    pub at: [CellPoint<3>; MOST],
+    /// Value there, and gradient by reference coordinates.
+    pub slopes: [[f32; 4]; MOST],
+    pub len: usize,
+    /// The first step, world units.
+    way: [Row; 3],
+    /// |F| at the start; 0 where that is a zero already.
+    size: Row,
+    /// The scale there; after the second step that of the walk.
+    scale: Row,
+}
+
+impl Default for Walk {
+    fn default() -> Self {
+        let row = [[0.0; 4]; MOST / 4];
+        Self {
+            at: [CellPoint(Vec3::zeros()); MOST],
+            slopes: [[0.0; 4]; MOST],
+            len: 0,
+            way: [row; 3],
+            size: row,
+            scale: row,
+        }
+    }
+}
+
+impl Walk {
+    /// The first step: all points move to its end.
+    pub fn set_off(&mut self, pace: Pace, map: &Trail) {
+        lanes::run(SetOff(pace, map, self));
+    }
+
+    /// The second step: the scales are found.
+    pub fn arrive(&mut self, pace: Pace, map: &Trail) {
+        lanes::run(Arrive(pace, map, self));
+    }
+
+    /// Distance per field unit at the start of point `n`.
+    pub fn scale(&self, n: usize) -> f64 {
+        self.scale[n / 4 % (MOST / 4)][n % 4]
+    }
+}
+
+struct SetOff<'a>(Pace, &'a Trail, &'a mut Walk);
+
+struct Arrive<'a>(Pace, &'a Trail, &'a mut Walk);
+
+/// Values and gradients of a row.
+#[inline(always)]
+fn slopes<L: Lanes>(lanes: L, s: &[[f32; 4]]) -> (Four<L>, [Four<L>; 3]) {
+    let [a, b, c, d] = [s[0], s[1], s[2], s[3]];
+    let value = Four::singles_of(lanes, [a[0], b[0], c[0], d[0]]);
+    let x = Four::singles_of(lanes, [a[1], b[1], c[1], d[1]]);
+    let y = Four::singles_of(lanes, [a[2], b[2], c[2], d[2]]);
+    let z = Four::singles_of(lanes, [a[3], b[3], c[3], d[3]]);
+    (value, [x, y, z])
+}
+
+impl Work for SetOff<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, lanes: L) {
+        let Self(pace, map, walk) = self;
+        let zero = Four::of(lanes, [0.0; 4]);
+        let by = map.rows(zero);
+        for row in 0..walk.len.div_ceil(4).min(MOST / 4) {
+            let own = 4 * row..4 * row + 4;
+            let (f, g) = slopes(lanes, &walk.slopes[own.clone()]);
+            let g = to_world(by, g);
+            let square = dot(g, g, zero);
+            let way = pace.step(f, g, square);
+            let size = f.abs();
+            walk.size[row] = size.below(zero.like(pace.zero), zero, size).row();
+            walk.scale[row] = (square.sqrt() / (square + zero.like(pace.damping))).row();
+            for (to, way) in walk.way.iter_mut().zip(way) {
+                to[row] = way.row();
+            }
+            let at = &mut walk.at[own];
+            let from = rows(lanes, &[at[0].0, at[1].0, at[2].0, at[3].0]);
+            let [x, y, z] = product(by, way, from);
+            let (x, y, z) = (x.row(), y.row(), z.row());
+            for (n, at) in at.iter_mut().enumerate() {
+                at.0 = Vec3::new(x[n], y[n], z[n]);
+            }
+        }
+    }
+}
+
+impl Work for Arrive<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, lanes: L) {
+        let Self(pace, map, walk) = self;
+        let zero = Four::of(lanes, [0.0; 4]);
+        let by = map.rows(zero);
+        let [least, most] = pace.scales;
+        for row in 0..walk.len.div_ceil(4).min(MOST / 4) {
+            let (f, g) = slopes(lanes, &walk.slopes[4 * row..4 * row + 4]);
+            let g = to_world(by, g);
+            let [x, y, z] = pace.step(f, g, dot(g, g, zero));
+            let way = [
+                Four::of(lanes, walk.way[0][row]) + x,
+                Four::of(lanes, walk.way[1][row]) + y,
+                Four::of(lanes, walk.way[2][row]) + z,
+            ];
+            let size = Four::of(lanes, walk.size[row]);
+            let scale = dot(way, way, zero).sqrt() / size;
+            let scale = zero.below(size, scale, Four::of(lanes, walk.scale[row]));
+            walk.scale[row] = scale.min(zero.like(most)).max(zero.like(least)).row();
+        }
+    }
+}

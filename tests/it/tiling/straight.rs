@@ -1,0 +1,112 @@
+//! Elements whose maps are affine, which bulk evaluation places by the row: what it gives is what single
+//! points give.
+
+use super::options;
+use crate::strategy::{self, Noise};
+use druse::cell::{Surface, Table};
+use druse::field::{Field, SampleLattice};
+use druse::frame::{Element, Vec3, WorldPoint};
+use druse::scaffold::{Connectivity, Kind, Scaffold};
+use druse::tiling::{Boundary, TiledSolid, TilingOptions};
+
+/// Parallelepipeds, or tets of random shape.
+fn straight(kind: Kind) -> Scaffold {
+    if kind == Kind::Tet4 {
+        return super::scaffold(kind, [2, 2, 2], 0.15, 11);
+    }
+    let (mut nodes, elements) = strategy::mesh(kind, [2, 3, 2], 0.0, 1);
+    for p in &mut nodes {
+        *p += Vec3::new(0.3 * p.y - 0.1 * p.z, 0.2 * p.z, 0.15 * p.x);
+    }
+    Scaffold::new(nodes, elements).unwrap()
+}
+
+/// A scaffold and the same again elsewhere, overlapping it or apart from it.
+fn twice(once: &Scaffold, by: Vec3) -> Scaffold {
+    let moved = once.nodes().iter().map(|p| p + by);
+    let nodes: Vec<Vec3> = once.nodes().iter().copied().chain(moved).collect();
+    let count = once.nodes().len() as u32;
+    let mut elements = Connectivity::default();
+    for shift in [0, count] {
+        for e in 0..once.len() {
+            let element = once.element(e);
+            let own: Vec<u32> = element.nodes().iter().map(|n| n + shift).collect();
+            elements.push(element.kind(), &own);
+        }
+    }
+    Scaffold::new(nodes, elements).unwrap()
+}
+
+fn table(kind: Kind) -> Table {
+    let surface = if kind.shape() == Element::Hex {
+        Surface::SchwarzP
+    } else {
+        Surface::Diamond
+    };
+    Table::new(&surface.cell(kind.shape()).unwrap()).unwrap()
+}
+
+/// A lattice whose first sample lies anywhere in a scaffold's box or a little outside of it.
+fn anywhere(
+    scaffold: &Scaffold,
+    counts: [usize; 3],
+    h: f64,
+    noise: &mut Noise,
+) -> SampleLattice<WorldPoint> {
+    let bounds = scaffold.bounds().dilated(6.0 * h);
+    let share = noise.vector() * 0.5 + Vec3::repeat(0.5);
+    SampleLattice {
+        origin: WorldPoint(bounds.min + bounds.size().component_mul(&share)),
+        step: h,
+        counts,
+    }
+}
+
+#[test]
+fn values_and_signs_in_bulk_are_those_of_single_points() {
+    for kind in [Kind::Tet4, Kind::Hex8] {
+        let once = straight(kind);
+        let table = table(kind);
+        let scaffolds = [
+            twice(&once, Vec3::new(0.4, 0.3, 0.2)),
+            twice(&once, Vec3::new(9.0, 0.0, 0.0)),
+            once,
+        ];
+        let mut noise = Noise::new(41);
+        for (which, scaffold) in scaffolds.iter().enumerate() {
+            // From many elements within a leaf to few leaves within an element.
+            for (voxels, boundary) in [2.0, 9.0, 30.0]
+                .into_iter()
+                .flat_map(|v| [(v, Boundary::Cut), (v, Boundary::Extend)])
+            {
+                let h = 1.0 / voxels;
+                let options = TilingOptions {
+                    boundary,
+                    ..options(h)
+                };
+                let tiled = TiledSolid::new(scaffold, &table, options).unwrap();
+                let (mut inside, mut outside) = (0, 0);
+                for n in 0..40 {
+                    let counts = [[8, 8, 8], [10, 1, 10], [5, 6, 7]][n % 3];
+                    let lattice = anywhere(scaffold, counts, h, &mut noise);
+                    let mut values = vec![0f32; lattice.len()];
+                    let mut rows = vec![0; counts[0] * counts[1]];
+                    tiled.fill(&lattice, &mut values);
+                    tiled.signs(&lattice, &mut rows);
+                    for (m, &v) in values.iter().enumerate() {
+                        let single = tiled.value(lattice.point(m));
+                        let off = (f64::from(v) - single).abs() / h;
+                        let at =
+                            format!("{kind:?} {which} {voxels} {boundary:?} {m}: {v} {single}");
+                        assert!(off < 1e-4, "{at}");
+                        let sign = rows[m / counts[2]] >> (m % counts[2]) & 1 == 1;
+                        assert!(single.abs() < 1e-4 * h || sign == (single < 0.0), "{at}");
+                        inside += usize::from(single < 0.0);
+                        outside += usize::from(single > 0.0);
+                    }
+                }
+                assert!(inside > 50 && outside > 500, "{inside} {outside}");
+            }
+        }
+    }
+}
