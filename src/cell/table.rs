@@ -27,7 +27,9 @@ mod build;
 mod grid;
 mod hull;
 mod leaf;
+mod probe;
 mod pyramid;
+mod resolve;
 mod spline;
 mod weights;
 mod window;
@@ -67,6 +69,10 @@ pub struct Table {
     gradient_sup: f64,
     gradient_rms: f64,
     products: Option<Products>,
+    /// Exponentials that were left out.
+    dropped: usize,
+    error_rms: f64,
+    displacement: Option<f64>,
 }
 
 impl std::fmt::Debug for Table {
@@ -89,7 +95,6 @@ impl Table {
     /// [`CellError::TableTooLarge`] if the band needs more than 160 samples per axis merely to be
     /// represented (more than 79 waves per period along an axis).
     pub fn new(cell: &Cell) -> Result<Self, CellError> {
-        let wanted = |index: i32| (SAMPLES_PER_WAVE * index as usize).clamp(SMALLEST, LARGEST);
         let form = function(cell);
         let leaves = spectra(&form)?
             .into_iter()
@@ -146,6 +151,14 @@ impl Table {
     fn build(cell: &Cell, form: Form, leaves: Vec<(Spectrum, Grid)>) -> Self {
         let whole = cell.fits_any_numbering();
         let element = cell.element();
+        let dropped = leaves.iter().map(|(s, _)| s.dropped.count).sum();
+        let mut each = leaves.iter();
+        let [error_rms, ..] = form.error_by(&mut |_| {
+            let square = each
+                .next()
+                .map_or(0.0, |(s, g)| s.error_square(g, f64::INFINITY));
+            [square.sqrt(), 0.0, 0.0]
+        });
         let mut leaves: Vec<Leaf> = leaves
             .into_iter()
             .map(|(s, g)| Leaf::new(s, g, element, whole))
@@ -187,6 +200,9 @@ impl Table {
             gradient_sup,
             gradient_rms: cell.gamma(),
             products,
+            dropped,
+            error_rms,
+            displacement: None,
         }
     }
 
@@ -228,6 +244,24 @@ impl Table {
     /// Memory in use.
     pub fn bytes(&self) -> usize {
         self.leaves().iter().map(Leaf::bytes).sum()
+    }
+
+    /// Exponentials of the cell's series that the table leaves out, see [`Table::for_displacement`].
+    pub fn dropped(&self) -> usize {
+        self.dropped
+    }
+
+    /// Root mean square of table - cell over a period, in field units, but for rounding to single
+    /// precision; of an expression as if all its series erred at once, of a function without periods 0.
+    pub fn error_rms(&self) -> f64 {
+        self.error_rms
+    }
+
+    /// How far the table displaces the surface, in reference lengths, as measured: the greatest
+    /// |table - cell| over the mean slope at points spread over the element, and over the slope there at
+    /// points of the surface. Known of tables made by [`Table::for_displacement`].
+    pub fn displacement(&self) -> Option<f64> {
+        self.displacement
     }
 
     /// Rigorous bound of |table - cell| everywhere, in field units (single precision included).
@@ -354,6 +388,11 @@ impl Table {
         let slope = self.solid_slope(raw);
         (self.solid_value(raw), g.map(|c| c * slope))
     }
+}
+
+/// Samples along an axis that [`Table::new`] asks for, from the greatest index.
+fn wanted(index: i32) -> usize {
+    (SAMPLES_PER_WAVE * index as usize).clamp(SMALLEST, LARGEST)
 }
 
 /// The function that a cell's table holds: Phi minus the level that is solid's border.

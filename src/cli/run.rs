@@ -186,15 +186,17 @@ fn prediction(e: &Estimate) -> String {
         ("leaves", grouped(e.leaves)),
         ("active voxels", grouped(e.active_voxels)),
         ("peak memory", size(e.peak_memory_bytes)),
+        ("tables", size(e.table_bytes)),
         ("on disk", size(e.disk_bytes)),
         ("bricks", grouped(e.bricks)),
         ("their size", size(e.brick_bytes)),
         ("time", format!("{:.1} s", e.seconds)),
     ];
-    let of_bricks = ["bricks", "their size"];
-    let shown = lines
-        .iter()
-        .filter(|(name, _)| e.bricks > 0 || !of_bricks.contains(name));
+    let shown = lines.iter().filter(|(name, _)| match *name {
+        "bricks" | "their size" => e.bricks > 0,
+        "tables" => e.table_bytes > 0,
+        _ => true,
+    });
     let shown: Vec<String> = shown
         .map(|(name, value)| format!("{name:<14}{value}"))
         .collect();

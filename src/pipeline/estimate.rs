@@ -30,6 +30,8 @@ pub struct Estimate {
     pub active_voxels: u64,
     /// Peak memory of the process.
     pub peak_memory_bytes: u64,
+    /// Of that the tables in which cells are looked up.
+    pub table_bytes: u64,
     /// Bytes of all outputs.
     pub disk_bytes: u64,
     /// Bricks that the run goes through; 0 when it is in memory as a whole.
@@ -324,6 +326,7 @@ fn predict(stock: &Stock, threads: &Threads, c: &Counts) -> Estimate {
         leaves: c.leaves.round() as u64,
         active_voxels: c.active.round() as u64,
         peak_memory_bytes: memory::resident() + peak as u64,
+        table_bytes: stock.fill().map_or(0, super::filling::Fill::table_bytes),
         disk_bytes: disk as u64,
         bricks: 0,
         brick_bytes: 0,

@@ -1,9 +1,10 @@
 //! What fills the scaffold of a recipe: its cells, their weights, their grading.
 
+use super::cells::facts_by_element;
 use super::error::RunError;
 use super::grading::{interpolated, scales, shifts};
 use super::inputs::Inputs;
-use super::palette::{Entry, entry};
+use super::palette::{Entry, Fineness, entry};
 use super::report::Warning;
 use super::scaffold::Loaded;
 use super::scatter::Scatter;
@@ -23,6 +24,7 @@ use rayon::prelude::*;
 pub(super) struct Fill {
     pub loaded: Loaded,
     pub palette: Vec<Entry>,
+    fineness: Fineness,
     interpolation: Interpolation,
     /// Where weights and grading are given.
     places: Vec<Vec3>,
@@ -52,8 +54,9 @@ impl Fill {
         session: Session,
     ) -> Result<Self, RunError> {
         let mut palette = Vec::new();
+        let fineness = Fineness::new(inputs.recipe, section, &loaded.scaffold);
         for name in section.cells() {
-            palette.push(entry(inputs, &loaded.scaffold, name, session)?);
+            palette.push(entry(inputs, &loaded.scaffold, (name, fineness), session)?);
         }
         let interpolation = match section.interpolation {
             recipe::Interpolation::Linear => Interpolation::Linear,
@@ -82,6 +85,7 @@ impl Fill {
             grading: Vec::new(),
             follow_volume: section.follow_volume.unwrap_or(true),
             palette,
+            fineness,
             loaded,
         };
         let bounds = fill.loaded.scaffold.bounds();
@@ -433,6 +437,22 @@ impl Fill {
     /// The filling by the cells' series.
     pub fn exact(&self) -> Result<Filled<'_, Cell>, RunError> {
         self.filled(|e| e.cells.iter().collect())
+    }
+
+    /// What a report says of each cell.
+    pub fn facts(&self) -> impl Iterator<Item = (String, serde_json::Value)> + '_ {
+        self.palette.iter().map(|entry| {
+            let mut facts = facts_by_element(&entry.cells);
+            let tables = entry.tables.iter().map(|t| self.fineness.facts(t));
+            facts["tables"] = tables.collect();
+            (entry.name.clone(), facts)
+        })
+    }
+
+    /// Memory of all tables.
+    pub fn table_bytes(&self) -> u64 {
+        let tables = self.palette.iter().flat_map(|entry| &entry.tables);
+        tables.map(|t| t.bytes() as u64).sum()
     }
 
     /// The continuity over all shared faces.

@@ -5,15 +5,53 @@
 //! do.
 
 use super::cells;
-use super::error::RunError;
+use super::error::{RunError, short};
 use super::inputs::Inputs;
 use super::report::Warning;
 use super::source::SourceFault;
 use crate::cell::{Cell, Table, fit_matched};
 use crate::frame::Element;
+use crate::recipe::{Recipe, TilingSection};
 use crate::scaffold::Scaffold;
 use crate::tiling::{Blend, Filling, Interpolation, Member, TilingError};
 use crate::vdb::Session;
+
+/// How closely cells are looked at.
+#[derive(Clone, Copy)]
+pub(super) struct Fineness {
+    /// Edge of a voxel in reference lengths, where elements are largest in voxels.
+    voxel: f64,
+    /// How far tables may displace the surface, voxels.
+    tolerance: f64,
+}
+
+impl Fineness {
+    /// That of a recipe over a scaffold.
+    pub fn new(recipe: &Recipe, tiling: &TilingSection, scaffold: &Scaffold) -> Self {
+        Self {
+            voxel: recipe.scale().voxel_size / scaffold.stretch().1,
+            tolerance: tiling.tolerance.0,
+        }
+    }
+
+    /// What a report says of a table.
+    pub fn facts(&self, table: &Table) -> serde_json::Value {
+        let voxels = |length: f64| length / self.voxel;
+        let slope = table.gradient_rms();
+        serde_json::json!({
+            "element": table.element().name(),
+            "samples": table.samples(),
+            "bytes": table.bytes(),
+            "dropped_waves": table.dropped(),
+            "tolerance_voxels": self.tolerance,
+            "error_voxels": {
+                "rms": voxels(table.error_rms() / slope),
+                "most": table.displacement().map(voxels),
+                "bound": voxels(table.error_bound() / slope),
+            },
+        })
+    }
+}
 
 /// Root mean square in edge lengths from which a matched cell is no longer the one asked for.
 const FAR: f64 = 0.05;
@@ -31,7 +69,7 @@ pub(super) struct Entry {
 pub(super) fn entry(
     inputs: &mut Inputs,
     scaffold: &Scaffold,
-    name: &str,
+    (name, fineness): (&str, Fineness),
     session: Session,
 ) -> Result<Entry, RunError> {
     let key = format!("cell.{name}");
@@ -77,17 +115,29 @@ pub(super) fn entry(
             inputs.warn(Warning::CELL, message)?;
         }
     }
+    let asked = fineness.tolerance * fineness.voxel;
     for cell in &entry.cells {
         // Tables of unlike elements err differently: where they meet they must be fine.
-        let fine = torn.then(|| Table::with_tolerance(cell, FINE).ok());
-        let table = match fine.flatten() {
-            Some(table) => Ok(table),
-            None => Table::new(cell),
+        let table = match shapes.len() {
+            1 => Table::for_displacement(cell, asked),
+            _ if torn => Table::with_tolerance(cell, FINE).or_else(|_| Table::new(cell)),
+            _ => Table::for_displacement(cell, asked.min(FINE)),
         };
-        entry.tables.push(table.map_err(|e| RunError::Cell {
+        let table = table.map_err(|e| RunError::Cell {
             key: key.clone(),
             fault: e.into(),
-        })?);
+        })?;
+        if let Some(most) = table.displacement().filter(|&d| d > asked && asked > 0.0) {
+            let (most, asked) = (most / fineness.voxel, fineness.tolerance);
+            let message = format!(
+                "{key}: its table of {} samples per axis displaces the surface by {} voxel, more than \
+                 tiling.tolerance = {asked}",
+                table.samples(),
+                short(most)
+            );
+            inputs.warn(Warning::TABLE, message)?;
+        }
+        entry.tables.push(table);
     }
     Ok(entry)
 }

@@ -309,6 +309,8 @@ impl Warning {
     pub const TRANSITION: &'static str = "W110";
     /// W111: a level set of other voxels than the recipe's, resampled.
     pub const RESAMPLED: &'static str = "W111";
+    /// W112: a table that displaces the surface by more than the recipe allows.
+    pub const TABLE: &'static str = "W112";
 }
 
 fn corners<S: serde::Serializer>(b: &Aabb, s: S) -> Result<S::Ok, S::Error> {

@@ -335,12 +335,7 @@ impl<'a> Stock<'a> {
             unit: self.recipe.unit().symbol().into(),
             inputs: self.inputs.files.clone(),
             scaffold: self.tiling.as_ref().map(|t| t.loaded.report.clone()),
-            cells: self
-                .tiling
-                .iter()
-                .flat_map(|t| &t.palette)
-                .map(|e| (e.name.clone(), super::cells::facts_by_element(&e.cells)))
-                .collect(),
+            cells: self.tiling.iter().flat_map(Fill::facts).collect(),
             offsets: self.offset_reports.clone(),
             warnings: self.inputs.warnings.clone(),
             ..Report::default()

@@ -341,6 +341,16 @@ number!(
     /// A band half width in voxels: at least 1.5, so that every crossing has its neighbours.
     HalfWidth, |v| (1.5..=64.0).contains(&v), "a number of voxels between 1.5 and 64",
     { "type": "number", "minimum": 1.5, "maximum": 64 });
+number!(
+    /// A tolerance in voxels.
+    Tolerance, |v| (0.0..=1.0).contains(&v), "a number of voxels between 0 and 1",
+    { "type": "number", "minimum": 0, "maximum": 1 });
+
+impl Default for Tolerance {
+    fn default() -> Self {
+        Self(0.01)
+    }
+}
 
 /// A unit of length as a key of a recipe.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

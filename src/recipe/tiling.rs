@@ -1,7 +1,7 @@
 //! `[tiling]`: which cells fill the scaffold, where, and how strongly.
 
 use super::file::FileRef;
-use super::quantity::Finite;
+use super::quantity::{Finite, Tolerance};
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::Deserialize;
 use serde::de::value::MapAccessDeserializer;
@@ -30,6 +30,10 @@ pub struct TilingSection {
     pub volume_fraction: Option<Varying>,
     /// Level by the full local thickness, graded: in the recipe's unit.
     pub thickness: Option<Varying>,
+    /// How far, in voxels, the tables that cells are looked up in may displace the surface, as measured where
+    /// voxels are finest against the cell: tables are as small as that allows, and waves that they are then
+    /// too coarse for are left out. 0 asks for as much as single precision and 160 samples per axis hold.
+    pub tolerance: Tolerance,
     /// Measure the continuity of the field over all shared faces, into the report.
     pub certificate: bool,
 }

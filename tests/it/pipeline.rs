@@ -5,6 +5,8 @@ mod offsets;
 mod outputs;
 mod scaffolds;
 
+use druse::cell::{FitOptions, Placement, Skeleton, Source, fit_source};
+use druse::frame::Element;
 use druse::mesh;
 use druse::pipeline::{Report, RunError, RunOptions, plan, run};
 use druse::progress::Silent;
@@ -206,6 +208,61 @@ fn the_report_says_how_values_were_found() {
     let solid =
         "druse = 1\n[band]\nvoxel_size = 0.5\n[[op]]\nunion = { box = { size = [5, 5, 5] } }\n";
     assert_eq!(report(solid).band.kernel, None);
+}
+
+#[test]
+fn tables_are_as_fine_as_voxels_ask() {
+    let directory = tempfile::tempdir().unwrap();
+    let file = directory.path().join("octet.cell");
+    let octet = Skeleton::graph(Element::Hex, "octet", 0.06).unwrap();
+    let octet = Source::skeleton(Element::Hex, &octet, &Placement::Reference).unwrap();
+    let options = FitOptions {
+        band_limit: 12.0,
+        measure: false,
+        ..FitOptions::default()
+    };
+    let cell = fit_source("octet", Element::Hex, &octet, &options, &Silent).unwrap();
+    std::fs::write(&file, cell.to_json()).unwrap();
+    let text = |cell_size: f64, tolerance: &str| {
+        let file = file.display();
+        format!(
+            "druse = 1\n[cell.c]\nfile = {file:?}\n[scaffold]\nbox = {{ size = [20, 10, 10], cell_size = {cell_size} }}\n[tiling]\ncell = \"c\"\n{tolerance}[band]\nvoxel_size = 0.5\n[[output]]\nvdb = \"c.vdb\"\n"
+        )
+    };
+    let made = |text: &str, bricks: Option<u32>| {
+        let options = RunOptions {
+            bricks,
+            out: Some(tempfile::tempdir().unwrap().path().to_owned()),
+            ..RunOptions::default()
+        };
+        run(&recipe(text), &options, &Silent).unwrap()
+    };
+    let table = |r: &Report| r.cells["c"]["tables"][0].clone();
+    let samples = |r: &Report| table(r)["samples"].as_u64().unwrap();
+    let (small, large) = (made(&text(2.5, ""), None), made(&text(10.0, ""), None));
+    // The larger the elements are, the more voxels look at one cell.
+    assert!(samples(&small) < samples(&large));
+    for t in [table(&small), table(&large)] {
+        assert_eq!(t["tolerance_voxels"], 0.01);
+        let error = &t["error_voxels"];
+        let [rms, most, bound] = ["rms", "most", "bound"].map(|key| error[key].as_f64().unwrap());
+        assert!(
+            0.0 < rms && rms < most && most <= 0.01 && most < bound,
+            "{error}"
+        );
+    }
+    let coarse = made(&text(10.0, "tolerance = 0.5\n"), None);
+    let warned = |r: &Report| r.warnings.iter().any(|w| w.code == "W112");
+    assert!(samples(&coarse) < samples(&large) && !warned(&coarse));
+    // What single precision cannot hold is said.
+    let hopeless = made(&text(10.0, "tolerance = 1e-9\n"), None);
+    assert!(samples(&large) < samples(&hopeless) && warned(&hopeless));
+    let planned = plan(&recipe(&text(10.0, "")), &RunOptions::default(), &Silent).unwrap();
+    assert_eq!(Some(planned.table_bytes), table(&large)["bytes"].as_u64());
+    let bricks = made(&text(10.0, ""), Some(1));
+    assert_eq!(bricks.cells, large.cells);
+    let content = |r: &Report| r.outputs[0].content_hash.clone().unwrap();
+    assert_eq!(content(&bricks), content(&large));
 }
 
 #[test]

@@ -173,6 +173,19 @@ fn sizes_must_be_positive_and_finite() {
 }
 
 #[test]
+fn tolerances_are_voxels_from_none_to_one() {
+    let text = "druse = 1\n[cell.p]\nsurface = \"schwarz_p\"\n[scaffold]\nbox = { size = [9, 9, 9], cell_size = 3 }\n[tiling]\ncell = \"p\"\ntolerance = 0.02\n[band]\nvoxel_size = 0.2\n";
+    assert!(parse(text).is_ok());
+    assert!(parse(&text.replace("0.02", "0")).is_ok());
+    for bad in ["-0.01", "nan", "1.5", "inf", "\"fine\""] {
+        let error = refuse(&text.replace("0.02", bad));
+        assert_eq!(line_of(&error), 8, "{bad}: {error:?}");
+        assert_eq!(error.key.as_deref(), Some("tiling.tolerance"));
+        assert!(error.message.contains("between 0 and 1"), "{bad}: {error}");
+    }
+}
+
+#[test]
 fn rules_between_keys_are_checked_at_their_place() {
     let cases: &[(&str, &str, usize, &str)] = &[
         ("druse = 1", "druse = 2", 1, "recipe version 2"),

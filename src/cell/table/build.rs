@@ -5,6 +5,7 @@ use super::super::icosahedral::Products;
 use super::super::pairing::embedded;
 use super::super::{CellError, Series};
 use super::grid::{Fold, Grid};
+use super::resolve::Dropped;
 use super::window;
 use crate::frame::Mat3;
 use crate::lanes;
@@ -17,12 +18,13 @@ use std::sync::Arc;
 const GREATEST_INDEX: i32 = 127;
 
 /// A series on the box of its periods, whose edges are the Cartesian axes.
+#[derive(Clone)]
 pub(super) struct Spectrum {
     /// Indices per axis, with the coefficients; without the zero ones.
-    terms: Vec<([i32; 3], [f64; 2])>,
-    periods: [f64; 3],
+    pub terms: Vec<([i32; 3], [f64; 2])>,
+    pub periods: [f64; 3],
     /// Largest index along each axis.
-    greatest: [i32; 3],
+    pub greatest: [i32; 3],
     /// Axes that operators exchange have the least of their numbers: their grids must be alike.
     class: [usize; 3],
     /// The identity, and one operator of each coset of those that keep the grid: the mean over them
@@ -32,8 +34,10 @@ pub(super) struct Spectrum {
     pub planar: bool,
     /// Symmetries that keep the axes.
     pub fold: Fold,
+    /// What was left out.
+    pub dropped: Dropped,
     /// In the place of terms: a function without a period, sampled over a box.
-    sampled: Option<Arc<Products>>,
+    pub sampled: Option<Arc<Products>>,
 }
 
 /// Whether an operator only exchanges and turns around the axes; then which axis goes where.
@@ -71,6 +75,7 @@ impl Spectrum {
                 mirrored: [true; 3],
                 ..Fold::default()
             },
+            dropped: Dropped::default(),
             sampled: Some(Arc::clone(products)),
         }
     }
@@ -148,6 +153,7 @@ impl Spectrum {
             turns,
             planar: D == 2,
             fold,
+            dropped: Dropped::default(),
             sampled: None,
         })
     }
@@ -155,11 +161,16 @@ impl Spectrum {
     /// The grid with at least `wanted` samples, given the largest index, along every axis; axes that
     /// operators exchange get equal numbers.
     pub fn grid(&self, wanted: impl Fn(i32) -> usize) -> Grid {
-        let size = |axis: usize| {
+        self.grid_by(|axis| good_size(wanted(self.greatest[axis])))
+    }
+
+    /// The grid of such numbers of samples, on axes that operators exchange the greatest of theirs.
+    pub fn grid_by(&self, size: impl Fn(usize) -> usize) -> Grid {
+        let largest = |axis: usize| {
             let alike = (0..3).filter(|&a| self.class[a] == self.class[axis]);
-            good_size(wanted(alike.map(|a| self.greatest[a]).max().unwrap_or(0)))
+            alike.map(&size).max().unwrap_or(1)
         };
-        let samples = std::array::from_fn(|a| if self.planar && a == 2 { 1 } else { size(a) });
+        let samples = std::array::from_fn(|a| if self.planar && a == 2 { 1 } else { largest(a) });
         Grid {
             samples,
             periods: self.periods,
@@ -198,7 +209,7 @@ impl Spectrum {
         if let Some(products) = &self.sampled {
             return window::error_bounds(products, grid);
         }
-        let (mut value, mut slope) = (0.0, [0.0; 3]);
+        let (mut value, mut slope) = (self.dropped.value, [self.dropped.slope; 3]);
         for &(h, [re, im]) in &self.terms {
             let size = libm::hypot(re, im);
             let of = |axis: usize| tables[axis][h[axis].unsigned_abs() as usize];

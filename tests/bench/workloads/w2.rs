@@ -106,6 +106,13 @@ fn struts(band_limit: f64) -> Result<Cell, Fault> {
     )?)
 }
 
+/// The table that the pipeline would make of a cell for voxels of 1.
+fn table_for(scaffold: &Scaffold, band_limit: f64) -> Result<Table, Fault> {
+    const TOLERANCE: f64 = 0.01;
+    let most = TOLERANCE / scaffold.stretch().1;
+    Ok(Table::for_displacement(&struts(band_limit)?, most)?)
+}
+
 /// As the pipeline samples a tiling.
 fn tiled<'a, F: Filling>(
     scaffold: &'a Scaffold,
@@ -188,7 +195,7 @@ const W3: Keys = Keys {
 #[cfg(feature = "vdb")]
 pub fn level_set(threads: &Threads) -> Result<druse::vdb::LevelSet, Fault> {
     let scaffold = ellipsoid(250.0)?;
-    let table = Table::new(&struts(FEW)?)?;
+    let table = table_for(&scaffold, FEW)?;
     let transform = Transform::new(1.0).ok_or("no voxel size")?;
     let builder = druse::vdb::LevelSetBuilder::new(transform, 3.0)?;
     let band = Band {
@@ -205,9 +212,7 @@ pub fn level_set(threads: &Threads) -> Result<druse::vdb::LevelSet, Fault> {
 pub fn struts_in_tets(setting: &Setting) -> Result<Vec<Found>, Fault> {
     let scaffold = ellipsoid(longest(setting.full))?;
     let extent = scaffold.bounds();
-    let tables =
-        [FEW, SOME, MANY].map(|limit| -> Result<Table, Fault> { Ok(Table::new(&struts(limit)?)?) });
-    let [few, some, many] = tables;
+    let [few, some, many] = [FEW, SOME, MANY].map(|limit| table_for(&scaffold, limit));
     let (few, some, many) = (few?, some?, many?);
     let one = Threads::new(1)?;
     let field = tiled(&scaffold, &some)?;
@@ -246,7 +251,7 @@ pub fn struts_in_tets(setting: &Setting) -> Result<Vec<Found>, Fault> {
 /// A pass over W2 on one thread, for a process that does nothing else.
 pub fn one_pass(full: bool) -> Result<Box<dyn FnMut()>, Fault> {
     let scaffold: &'static Scaffold = Box::leak(Box::new(ellipsoid(longest(full))?));
-    let table: &'static Table = Box::leak(Box::new(Table::new(&struts(SOME)?)?));
+    let table: &'static Table = Box::leak(Box::new(table_for(scaffold, SOME)?));
     let field = tiled(scaffold, table)?;
     let one = Threads::new(1)?;
     Ok(Box::new(move || {
