@@ -123,6 +123,17 @@ impl MeshSolid {
         self.surface.collect(region, reach, slots);
     }
 
+    /// Adds to `slots` those of `among` that may be nearer than `reach` to a box.
+    pub(crate) fn collect_among(
+        &self,
+        among: &[u32],
+        region: &Aabb,
+        reach: f64,
+        slots: &mut Vec<u32>,
+    ) {
+        self.surface.collect_among(among, region, reach, slots);
+    }
+
     /// The generalised winding number at `p`: exact and whole for a cycle, otherwise within a few
     /// thousandths (far triangles count in groups).
     pub fn winding_number(&self, p: Vec3) -> f64 {

@@ -135,16 +135,34 @@ impl Soup {
     /// Replaces `found` by the slots of all triangles that may be nearer than `reach` to a box.
     pub(crate) fn collect(&self, region: &Aabb, reach: f64, found: &mut Vec<u32>) {
         found.clear();
-        let local = self.bvh.local();
-        let q = local.point(region.centre().0);
-        let q = [q.x as f32, q.y as f32, q.z as f32];
-        let all = local.length(region.half_diagonal() + reach) as f32;
+        let near = self.nearness(region, reach);
         self.bvh.overlapping(&region.dilated(reach), |slot| {
-            if !self.discs[slot].is_beyond(q, all) {
+            if near(slot as u32) {
                 found.push(slot as u32);
             }
             true
         });
+    }
+
+    /// Adds to `found` those of some slots whose triangles may be nearer than `reach` to a box.
+    pub(crate) fn collect_among(
+        &self,
+        slots: &[u32],
+        region: &Aabb,
+        reach: f64,
+        found: &mut Vec<u32>,
+    ) {
+        let near = self.nearness(region, reach);
+        found.extend(slots.iter().copied().filter(|&slot| near(slot)));
+    }
+
+    /// Whether a slot's triangle may be nearer than `reach` to the ball around a box.
+    fn nearness(&self, region: &Aabb, reach: f64) -> impl Fn(u32) -> bool + '_ {
+        let local = self.bvh.local();
+        let q = local.point(region.centre().0);
+        let q = [q.x as f32, q.y as f32, q.z as f32];
+        let all = local.length(region.half_diagonal() + reach) as f32;
+        move |slot| !self.discs[slot as usize].is_beyond(q, all)
     }
 }
 

@@ -49,7 +49,7 @@ struct Block {
     number: usize,
     place: usize,
     radius: f64,
-    /// Its centre's; that of a straight element holds everywhere.
+    /// Its centre's.
     trail: u32,
     /// Whether its samples are where they are guessed to be.
     is_smooth: bool,
@@ -67,37 +67,12 @@ struct Questions {
     points: Vec<CellPoint<3>>,
 }
 
-/// Trails that place samples.
-#[derive(Default)]
-struct Trails {
-    all: Vec<Trail>,
-    /// Numbers of those of straight elements, by place.
-    straight: Vec<Option<u32>>,
-}
-
-impl Trails {
-    fn add(&mut self, trail: &Trail) -> u32 {
-        self.all.push(*trail);
-        self.all.len() as u32 - 1
-    }
-
-    /// The one trail of a straight element.
-    fn of_straight(&mut self, place: usize, patch: &Patch) -> Option<u32> {
-        if !patch.is_affine() {
-            return None;
-        }
-        if self.straight[place].is_none() {
-            self.straight[place] = Some(self.add(&patch.start()));
-        }
-        self.straight[place]
-    }
-}
-
 /// Room for the work, kept between boxes.
 #[derive(Default)]
 pub(super) struct Batch {
     blocks: Vec<Block>,
-    trails: Trails,
+    /// Of blocks.
+    trails: Vec<Trail>,
     /// Samples whose element is not known from their block's.
     open: Vec<Target>,
     at: Vec<Vec3>,
@@ -223,9 +198,7 @@ impl<F: Filling> TiledSolid<'_, F> {
     /// Finds the blocks that lie in one element, and the field at their centres.
     fn find_blocks(&self, local: &mut Local, blocks: &[Vec<Target>], batch: &mut Batch) {
         batch.blocks.clear();
-        batch.trails.all.clear();
-        batch.trails.straight.clear();
-        batch.trails.straight.resize(local.near.patches.len(), None);
+        batch.trails.clear();
         batch.asked.clear();
         batch.at.clear();
         batch.at.extend(blocks.iter().map(|b| ball(b).0));
@@ -240,27 +213,21 @@ impl<F: Filling> TiledSolid<'_, F> {
             if depth <= radius {
                 continue;
             }
-            let straight = batch.trails.of_straight(*place, patch);
-            let trail = straight.unwrap_or_else(|| {
-                // Second derivatives change little from block to block.
-                let last = batch.blocks.last().filter(|b| b.place == *place);
-                let trail = match last {
-                    Some(last) => batch.trails.all[last.trail as usize].moved(x, spot),
-                    None => self.note_trail(local, *place, x, spot),
-                };
-                batch.trails.add(&trail)
-            });
-            let error = || {
-                let trail = &batch.trails.all[trail as usize];
-                patch.error(self.scaffold, trail, corners(&blocks[number]))
+            // Second derivatives change little from block to block.
+            let last = batch.blocks.last().filter(|b| b.place == *place);
+            let trail = match last {
+                Some(last) => batch.trails[last.trail as usize].moved(x, spot),
+                None => self.note_trail(local, *place, x, spot),
             };
-            let is_smooth = straight.is_some() || error() < GOOD;
+            let error = patch.error(self.scaffold, &trail, corners(&blocks[number]));
+            let is_smooth = error < GOOD;
+            batch.trails.push(trail);
             batch.asked.push(*place as u32, spot.xi);
             batch.blocks.push(Block {
                 number,
                 place: *place,
                 radius,
-                trail,
+                trail: batch.trails.len() as u32 - 1,
                 is_smooth,
                 depth,
                 f: 0.0,
@@ -281,7 +248,7 @@ impl<F: Filling> TiledSolid<'_, F> {
         batch.at.extend(samples.iter().map(|t| t.x));
         if block.is_smooth {
             let first = batch.asked.points.len();
-            let trail = &batch.trails.all[block.trail as usize];
+            let trail = &batch.trails[block.trail as usize];
             trail.guess_all(&batch.at, &mut batch.asked.points);
             let place = block.place as u32;
             batch.asked.places.resize(batch.asked.points.len(), place);
@@ -302,7 +269,7 @@ impl<F: Filling> TiledSolid<'_, F> {
         }
         let mut found = std::mem::take(&mut batch.found);
         let all = (&*batch.at, f64::INFINITY);
-        let mut trail = batch.trails.all[block.trail as usize];
+        let mut trail = batch.trails[block.trail as usize];
         patch.spots(self.scaffold, all, (&mut trail, true), &mut found);
         for (&target, spot) in samples.iter().zip(&found.all) {
             match spot {
@@ -384,12 +351,8 @@ impl<F: Filling> TiledSolid<'_, F> {
 impl Batch {
     /// Enters a sample that was placed in its owner by itself.
     fn enter_alone(&mut self, target: Target, place: usize, spot: &Spot, patch: &Patch) {
-        let how = if let Some(trail) = self.trails.of_straight(place, patch) {
-            How::Trail(trail)
-        } else {
-            self.alone.push(spot.inverse);
-            How::Alone(self.alone.len() as u32 - 1)
-        };
+        self.alone.push(spot.inverse);
+        let how = How::Alone(self.alone.len() as u32 - 1);
         let (place, depth) = (place as u32, patch.depth(spot));
         self.asked.push(place, spot.xi);
         self.items.push(Item {

@@ -12,7 +12,7 @@
 
 use super::distribution::Distribution;
 use super::pair::{Pair, pair};
-use super::source::{CellField, Filling, fills};
+use super::source::{CellField, Filling, fills, single};
 use super::{Interpolation, TilingError, seam};
 use crate::cell::Table;
 use crate::field::{Field, Interval};
@@ -22,6 +22,13 @@ use rayon::prelude::*;
 
 /// Samples along an edge of the element's box for volumes.
 const SAMPLES: usize = 28;
+/// Most members.
+const MOST: usize = 8;
+/// Points that members are asked for together.
+const TOGETHER: usize = 16;
+
+/// Weights of the members at a point, and their gradients.
+type Weights = [(f64, Vec3); MOST];
 
 /// One cell of a palette, for every shape of element that it has to fill.
 pub struct Member<'a, C: CellField = Table> {
@@ -196,6 +203,74 @@ impl<'a, C: CellField> Blend<'a, C> {
         }
         total
     }
+    /// Value and gradient at a point, from the members' and their weights there.
+    fn mix(
+        &self,
+        (element, xi): (usize, CellPoint<3>),
+        weights: &Weights,
+        of: impl Fn(usize) -> Option<(f64, Vec3)>,
+    ) -> (f64, Vec3) {
+        let count = self.members.len();
+        let (mut value, mut gradient) = (0.0, Vec3::zeros());
+        for (m, &(w, dw)) in weights[..count].iter().enumerate() {
+            if w == 0.0 && dw == Vec3::zeros() {
+                continue;
+            }
+            let Some((phi, g)) = of(m) else {
+                continue;
+            };
+            let s = self.scales[m];
+            value += w * s * phi;
+            gradient += g * (w * s) + dw * (s * phi);
+        }
+        if !self.pairs.is_empty() {
+            let (t, by) = self.level(&weights.map(|w| w.0)[..count]);
+            value -= t;
+            for m in 0..count {
+                gradient -= weights[m].1 * by[m];
+            }
+        }
+        if let Some(grading) = &self.grading {
+            let (b, db) = grading.at(element, xi)[0];
+            value -= b;
+            gradient -= db;
+        }
+        (value, gradient)
+    }
+
+    /// Hands value and gradient at points of an element to `found`, with the point's number: each member
+    /// that shares in some of them is asked for many at once.
+    fn in_bulk(
+        &self,
+        element: usize,
+        points: &[CellPoint<3>],
+        mut found: impl FnMut(usize, (f64, Vec3)),
+    ) {
+        let shape = self.scaffold.element(element).shape();
+        let mut slopes = [[(0.0, Vec3::zeros()); TOGETHER]; MOST];
+        let mut weights = [[(0.0, Vec3::zeros()); MOST]; TOGETHER];
+        let mut first = 0;
+        for points in points.chunks(TOGETHER) {
+            let weights = &mut weights[..points.len()];
+            for (weights, &xi) in weights.iter_mut().zip(points) {
+                *weights = self.weights.at(element, xi);
+            }
+            let mut shares = [false; MOST];
+            for (m, member) in self.members.iter().enumerate() {
+                let counts = |w: &Weights| w[m].0 != 0.0 || w[m].1 != Vec3::zeros();
+                let cell = member.of(shape).filter(|_| weights.iter().any(counts));
+                if let Some(cell) = cell {
+                    cell.slopes(points, &mut slopes[m][..points.len()]);
+                    shares[m] = true;
+                }
+            }
+            for (n, (&xi, weights)) in points.iter().zip(&*weights).enumerate() {
+                let of = |m: usize| shares[m].then(|| slopes[m][n]);
+                found(first + n, self.mix((element, xi), weights, of));
+            }
+            first += points.len();
+        }
+    }
 }
 
 impl<C: CellField> Filling for Blend<'_, C> {
@@ -231,34 +306,22 @@ impl<C: CellField> Filling for Blend<'_, C> {
 
     fn value_and_gradient(&self, element: usize, xi: CellPoint<3>) -> (f64, Vec3) {
         let shape = self.scaffold.element(element).shape();
-        let count = self.members.len();
-        let weights = self.weights.at(element, xi);
-        let (mut value, mut gradient) = (0.0, Vec3::zeros());
-        for (m, &(w, dw)) in weights[..count].iter().enumerate() {
-            if w == 0.0 && dw == Vec3::zeros() {
-                continue;
-            }
-            let Some(cell) = self.members[m].of(shape) else {
-                continue;
-            };
-            let (phi, g) = Field::value_and_gradient(cell, xi);
-            let s = self.scales[m];
-            value += w * s * phi;
-            gradient += g * (w * s) + dw * (s * phi);
-        }
-        if !self.pairs.is_empty() {
-            let (t, by) = self.level(&weights.map(|w| w.0)[..count]);
-            value -= t;
-            for m in 0..count {
-                gradient -= weights[m].1 * by[m];
-            }
-        }
-        if let Some(grading) = &self.grading {
-            let (b, db) = grading.at(element, xi)[0];
-            value -= b;
-            gradient -= db;
-        }
-        (value, gradient)
+        self.mix((element, xi), &self.weights.at(element, xi), |m| {
+            let cell = self.members[m].of(shape)?;
+            Some(Field::value_and_gradient(cell, xi))
+        })
+    }
+
+    fn values(&self, element: usize, points: &[CellPoint<3>], out: &mut [f64]) {
+        self.in_bulk(element, points, |n, (value, _)| out[n] = value);
+    }
+
+    fn slopes(&self, element: usize, points: &[CellPoint<3>], out: &mut [(f64, Vec3)]) {
+        self.in_bulk(element, points, |n, slope| out[n] = slope);
+    }
+
+    fn samples(&self, element: usize, points: &[CellPoint<3>], out: &mut [[f32; 4]]) {
+        self.in_bulk(element, points, |n, slope| out[n] = single(slope));
     }
 
     fn bound(&self, element: usize, region: &CellBox<3>) -> Interval {

@@ -1,12 +1,16 @@
 //! What the tiling's values can be in a box: bounds of the cell over the box's image in each element.
 
-use super::near::{Local, Near};
+use super::fill::with_straight;
+use super::near::Near;
 use super::{Distance, Filling, TiledSolid};
 use crate::field::Interval;
 use crate::frame::Aabb;
 
 /// Room for the rounding of single precision, relative.
 const SLACK: f64 = 1e-6;
+
+/// With more near elements than this the field is not looked at where regions have their centres.
+const MANY: usize = 256;
 
 impl<F: Filling> TiledSolid<'_, F> {
     /// Bound over all components.
@@ -15,7 +19,8 @@ impl<F: Filling> TiledSolid<'_, F> {
         bound
     }
 
-    /// The same for regions that lie together.
+    /// The same for regions that lie together. Of several, values nearer to 0 than the band's half width are
+    /// not told apart.
     pub(super) fn bounds_of_all<const N: usize>(&self, regions: &[Aabb; N]) -> [Interval; N] {
         let w = self.options.half_width;
         let mut all = [Interval::new(w, w); N];
@@ -52,8 +57,9 @@ impl<F: Filling> TiledSolid<'_, F> {
         let shore = self.is_cut().then_some(&*shore);
         let near = self.near(component, &around.dilated(reach), self.margin());
         let depth = self.boundary_range(component, &around, Interval::ALL, (shore, &near.patches));
-        let mut local = Local::rough();
-        for (found, region) in found.iter_mut().zip(regions) {
+        let mut own = Near::default();
+        let values = self.at_centres(&near, regions);
+        for ((found, region), value) in found.iter_mut().zip(regions).zip(values) {
             let depth = if N == 1 || depth.hi <= -w || depth.lo >= w {
                 depth
             } else {
@@ -62,28 +68,61 @@ impl<F: Filling> TiledSolid<'_, F> {
             if self.is_cut() && depth.lo >= w {
                 continue;
             }
-            let wide = region.dilated(self.reach(depth.hi));
-            if self.is_cut() {
-                self.narrow(&near, &wide, &mut local);
-            } else {
-                local.near = self.near(component, &wide, self.margin());
+            let reach = self.reach(depth.hi);
+            if let Some(f) = value.filter(|_| reach == 0.0) {
+                // Of a region within the scaffold the value at its centre may say enough.
+                let (least, radius) = (w * near.slope_sup, region.half_diagonal());
+                let all = if f.abs() >= least + near.slope_sup * radius {
+                    let d = w.copysign(f);
+                    Some(Interval::new(d, d))
+                } else {
+                    // No interval that holds it is far from 0.
+                    (f.abs() < least).then(|| Interval::new(-w, w))
+                };
+                if let Some(all) = all {
+                    *found = self.ended_bound(all, depth);
+                    continue;
+                }
             }
-            let near = &local.near;
+            let wide = region.dilated(reach);
+            if self.is_cut() {
+                self.keep_near(&near, &wide, &mut own);
+            } else {
+                own = self.near(component, &wide, self.margin());
+            }
+            let near = &own;
+            let least = if N == 1 { 0.0 } else { w * near.slope_sup };
             let field = self
-                .field_range(near, &wide, 0.0)
+                .field_range(near, &wide, least)
                 .map_or(Interval::new(-w, w), |f| {
                     self.distance_range(component, near, &wide, f)
                 });
-            *found = if self.is_cut() {
-                Interval::new(
-                    field.lo.max(depth.lo).clamp(-w, w),
-                    field.hi.max(depth.hi).clamp(-w, w),
-                )
-            } else {
-                field
-            };
+            *found = self.ended_bound(field, depth);
         }
         found
+    }
+
+    /// Bound of the distance from that of the field's and that of the boundary's.
+    fn ended_bound(&self, field: Interval, depth: Interval) -> Interval {
+        let w = self.options.half_width;
+        if !self.is_cut() {
+            return field;
+        }
+        Interval::new(
+            field.lo.max(depth.lo).clamp(-w, w),
+            field.hi.max(depth.hi).clamp(-w, w),
+        )
+    }
+
+    /// The field at the centres of regions among few straight elements.
+    fn at_centres<const N: usize>(&self, near: &Near, regions: &[Aabb; N]) -> [Option<f64>; N] {
+        if self.options.distance == Distance::Exact
+            || near.patches.len() > MANY
+            || !self.are_straight(near)
+        {
+            return [None; N];
+        }
+        with_straight(|room| self.field_at(near, regions.map(|r| r.centre().0), room))
     }
 
     /// How far from a box the points can be at which the field is taken, if the box reaches up to

@@ -29,6 +29,14 @@ thread_local! {
     static SCRATCH: Cell<Option<Box<Scratch>>> = Cell::default();
 }
 
+/// Does something in the room that a thread keeps for straight elements.
+pub(super) fn with_straight<T>(work: impl FnOnce(&mut Straight) -> T) -> T {
+    let mut scratch = SCRATCH.take().unwrap_or_default();
+    let found = work(&mut scratch.straight);
+    SCRATCH.set(Some(scratch));
+    found
+}
+
 impl<F: Filling> TiledSolid<'_, F> {
     /// Values on a lattice, over all components; returns at how many points a cell was looked at.
     pub(super) fn fill_all(

@@ -8,6 +8,7 @@ use crate::frame::{Aabb, Vec3};
 use std::cell::Cell;
 
 /// Elements of one component near a box, by ascending number.
+#[derive(Default)]
 pub(super) struct Near {
     pub patches: Vec<u32>,
     /// The largest of their slope bounds L.
@@ -67,13 +68,9 @@ impl Local {
 
     /// An empty list, to be filled by [`TiledSolid::narrow`], for values in single precision.
     pub fn rough() -> Self {
-        let none = Near {
-            patches: Vec::new(),
-            slope_sup: 0.0,
-        };
         Self {
             is_rough: true,
-            ..Self::new(none)
+            ..Self::new(Near::default())
         }
     }
 
@@ -122,9 +119,18 @@ impl<F: Filling> TiledSolid<'_, F> {
             .fold(0.0, f64::max)
     }
 
-    /// Keeps of a wider list what may be near a point of `region`.
-    pub(super) fn narrow(&self, wide: &Near, region: &Aabb, local: &mut Local) {
+    /// Replaces `near` by what of a wider list may be near a point of `region`.
+    pub(super) fn keep_near(&self, wide: &Near, region: &Aabb, near: &mut Near) {
         let (centre, half, margin) = (region.centre().0, region.size() / 2.0, self.margin());
+        let all = wide.patches.iter().copied();
+        let misses = |e: &u32| self.patches[*e as usize].misses(centre, half, margin);
+        near.patches.clear();
+        near.patches.extend(all.filter(|e| !misses(e)));
+        near.slope_sup = self.slope_sup(&near.patches);
+    }
+
+    /// The same for a list that knows more.
+    pub(super) fn narrow(&self, wide: &Near, region: &Aabb, local: &mut Local) {
         let Local {
             near,
             trails,
@@ -133,13 +139,7 @@ impl<F: Filling> TiledSolid<'_, F> {
         } = local;
         std::mem::swap(&mut near.patches, &mut before.0);
         std::mem::swap(trails, &mut before.1);
-        near.patches.clear();
-        near.patches.extend(
-            wide.patches
-                .iter()
-                .filter(|&&e| !self.patches[e as usize].misses(centre, half, margin)),
-        );
-        near.slope_sup = self.slope_sup(&near.patches);
+        self.keep_near(wide, region, near);
         // What is known of an element holds nearby too.
         let known = |e| before.1[before.0.binary_search(e).ok()?].get();
         trails.clear();

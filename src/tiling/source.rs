@@ -44,7 +44,7 @@ pub trait CellField: Field<Point = CellPoint<3>> {
 }
 
 /// Value and gradient in single precision.
-fn single((value, slope): (f64, Vec3)) -> [f32; 4] {
+pub(super) fn single((value, slope): (f64, Vec3)) -> [f32; 4] {
     [value, slope.x, slope.y, slope.z].map(|v| v as f32)
 }
 

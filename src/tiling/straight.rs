@@ -39,6 +39,8 @@ struct Block {
     part: usize,
     /// From the centre to the farthest sample, world units.
     radius: f64,
+    /// Storage index of the first sample.
+    start: usize,
 }
 
 /// A sample in no element.
@@ -58,6 +60,8 @@ struct Part {
     distance: f64,
     /// How far off the field may be taken.
     reach: f64,
+    /// Its shore among those of all parts.
+    shore: [usize; 2],
 }
 
 /// Room for the work, kept between lattices.
@@ -71,6 +75,8 @@ pub(super) struct Straight {
     /// Of the near elements those that matter to a bundle, by place.
     places: Vec<u32>,
     strays: Vec<Stray>,
+    /// Triangles of the boundary that may show, part by part.
+    shores: Vec<u32>,
     at: [Vec<f64>; 3],
     /// At how many points a cell was looked at.
     pub looked: u64,
@@ -82,10 +88,13 @@ struct Scene<'a> {
     near: &'a Near,
     lattice: &'a SampleLattice<WorldPoint>,
     wanted: Wanted,
-    /// Triangles of the boundary that may show.
+    /// Triangles of the boundary that may show, in all of the lattice and part by part.
     shore: Option<&'a [u32]>,
+    shores: &'a [u32],
     /// Coordinates of the lattice's samples along each axis.
     at: &'a [Vec<f64>; 3],
+    /// Of the eight samples of a block, storage indices from the first one's on.
+    offsets: [usize; VOLUME],
 }
 
 impl<'a> Scene<'a> {
@@ -94,30 +103,46 @@ impl<'a> Scene<'a> {
             constant: None,
             is_deep: part.is_deep,
             distance: part.distance,
-            shore: self.shore,
+            shore: self
+                .shore
+                .map(|_| &self.shores[part.shore[0]..part.shore[1]]),
         }
     }
 
-    fn index(&self, [i, j, k]: [usize; 3]) -> usize {
-        let [_, ny, nz] = self.lattice.counts;
-        (i * ny + j) * nz + k
+    /// Storage index of a block's sample.
+    #[inline]
+    fn index(&self, block: &Block, n: usize) -> usize {
+        block.start + self.offsets[n % VOLUME]
     }
 
-    fn point(&self, [i, j, k]: [usize; 3]) -> Vec3 {
-        Vec3::new(self.at[0][i], self.at[1][j], self.at[2][k])
+    /// Where a block's sample lies.
+    fn point(&self, block: &Block, n: usize) -> Vec3 {
+        let own = place(n);
+        let along = |a: usize| self.at[a][block.first[a] + own[a]];
+        Vec3::new(along(0), along(1), along(2))
+    }
+}
+
+impl Straight {
+    fn clear(&mut self) {
+        self.parts.clear();
+        self.blocks.clear();
+        self.shores.clear();
     }
 }
 
 impl Block {
     /// Of the block from a sample on, not beyond another one.
-    fn new(first: [usize; 3], last: [usize; 3], part: usize, step: f64) -> Self {
+    fn new(first: [usize; 3], last: [usize; 3], part: usize, scene: &Scene) -> Self {
         let count = [0, 1, 2].map(|a| BLOCK.min(last[a] + 1 - first[a]));
         let edges: usize = count.iter().map(|c| c - 1).sum();
+        let [_, ny, nz] = scene.lattice.counts;
         Self {
             first,
             count,
             part,
-            radius: step * DIAGONALS[edges] / 2.0,
+            radius: scene.lattice.step * DIAGONALS[edges] / 2.0,
+            start: (first[0] * ny + first[1]) * nz + first[2],
         }
     }
 
@@ -142,12 +167,6 @@ impl Block {
         let has = |n: usize| (0..3).all(|a| place(n)[a] < self.count[a]);
         (0..VOLUME).fold(0, |bits, n| bits | u64::from(has(n)) << n)
     }
-
-    /// The sample at a place of the block.
-    fn index(&self, n: usize) -> [usize; 3] {
-        let own = place(n);
-        [0, 1, 2].map(|a| self.first[a] + own[a])
-    }
 }
 
 /// A place of the eight of a block, by axis.
@@ -160,6 +179,26 @@ impl<F: Filling> TiledSolid<'_, F> {
     pub(super) fn are_straight(&self, near: &Near) -> bool {
         let mut all = near.patches.iter();
         all.all(|&e| self.patches[e as usize].is_affine())
+    }
+
+    /// The field at those of some points that lie in straight elements, all of the near ones being such.
+    pub(super) fn field_at<const N: usize>(
+        &self,
+        near: &Near,
+        points: [Vec3; N],
+        room: &mut Straight,
+    ) -> [Option<f64>; N] {
+        let mut values = [0.0; MOST];
+        room.bundle.clear();
+        for x in points {
+            room.bundle.push(x.into(), true);
+        }
+        room.bundle.fill_up();
+        let patches = near.patches.iter().map(|&e| &self.patches[e as usize]);
+        room.centres.place(patches, &room.bundle, self.delta());
+        self.field_of(near, &mut room.centres, &mut values);
+        let owned = room.centres.owned;
+        std::array::from_fn(|n| (owned >> n & 1 != 0).then_some(values[n % MOST]))
     }
 
     /// Values of one component among straight elements, its boundary included; `depth` bounds the distance
@@ -185,23 +224,26 @@ impl<F: Filling> TiledSolid<'_, F> {
             lattice,
             wanted,
             shore,
+            shores: &[],
             at: &at,
+            offsets: std::array::from_fn(|n| {
+                let [i, j, k] = place(n);
+                (i * lattice.counts[1] + j) * lattice.counts[2] + k
+            }),
         };
         if near.patches.len() <= MANY {
-            room.parts.clear();
-            room.blocks.clear();
+            room.clear();
             for part in parts(lattice) {
                 self.enter(&whole, &part, depth, room, out);
             }
-            self.fill_blocks(&whole, room, out);
+            self.fill_entered(&whole, room, out);
             room.at = at;
             return;
         }
         let mut local = Local::rough();
         for part in parts(lattice) {
             let region = part.span(lattice);
-            room.parts.clear();
-            room.blocks.clear();
+            room.clear();
             let own = self.depth_of((component, near), &region, depth, shore);
             if self.is_cut() && own.lo >= w {
                 part.indices(lattice).for_each(|n| out[n] = w as f32);
@@ -213,7 +255,7 @@ impl<F: Filling> TiledSolid<'_, F> {
                 ..whole
             };
             self.enter(&scene, &part, own, room, out);
-            self.fill_blocks(&scene, room, out);
+            self.fill_entered(&scene, room, out);
         }
         room.at = at;
     }
@@ -250,19 +292,38 @@ impl<F: Filling> TiledSolid<'_, F> {
             return;
         }
         let number = room.parts.len();
+        let is_deep = depth.hi <= -w;
+        let first = room.shores.len();
+        if let Some(shore) = scene.shore.filter(|_| !is_deep) {
+            let span = part.span(scene.lattice);
+            let boundary = &self.components[scene.component].boundary;
+            boundary.collect_among(shore, &span, self.sight(), &mut room.shores);
+        }
         room.parts.push(Part {
-            is_deep: depth.hi <= -w,
+            is_deep,
+            shore: [first, room.shores.len()],
             distance: depth.hi.abs().max(depth.lo.abs()),
             reach: self.reach(depth.hi),
         });
         let along = |a: usize| (part.first[a]..=part.last[a]).step_by(BLOCK);
         for (i, j) in along(0).flat_map(|i| along(1).map(move |j| (i, j))) {
-            let block = |k| Block::new([i, j, k], part.last, number, scene.lattice.step);
+            let block = |k| Block::new([i, j, k], part.last, number, scene);
             room.blocks.extend(along(2).map(block));
         }
     }
 
-    /// Values of all blocks.
+    /// Values of all blocks that have been entered.
+    fn fill_entered(&self, scene: &Scene, room: &mut Straight, out: &mut [f32]) {
+        let shores = std::mem::take(&mut room.shores);
+        let scene = Scene {
+            shores: &shores,
+            ..*scene
+        };
+        self.fill_blocks(&scene, room, out);
+        self.fill_strays(&scene, room, out);
+        room.shores = shores;
+    }
+
     fn fill_blocks(&self, scene: &Scene, room: &mut Straight, out: &mut [f32]) {
         let step = scene.lattice.step;
         let w = self.options.half_width;
@@ -304,8 +365,15 @@ impl<F: Filling> TiledSolid<'_, F> {
                     continue;
                 }
                 let d = if values[n] < 0.0 { -w } else { w };
-                for index in bits(block.places()).map(|n| block.index(n)) {
-                    out[scene.index(index)] = self.ended(scene, d, index, known) as f32;
+                if known.is_deep && block.is_whole() {
+                    for n in 0..VOLUME {
+                        out[scene.index(block, n)] = d as f32;
+                    }
+                    continue;
+                }
+                for n in bits(block.places()) {
+                    let ended = self.ended(scene, d, (block, n), known);
+                    out[scene.index(block, n)] = ended as f32;
                 }
             }
             let mut group = [0; MOST / VOLUME];
@@ -323,22 +391,21 @@ impl<F: Filling> TiledSolid<'_, F> {
             }
         }
         room.blocks = all;
-        self.fill_strays(scene, room, out);
     }
 
     /// The distance `d` at a sample of the scaffold, the boundary regarded.
     #[inline]
-    fn ended(&self, scene: &Scene, d: f64, index: [usize; 3], known: Known) -> f64 {
+    fn ended(&self, scene: &Scene, d: f64, (block, n): (&Block, usize), known: Known) -> f64 {
         if known.is_deep || !self.is_cut() {
             return d;
         }
         match scene.wanted {
-            Wanted::Distances => self.cut(scene.component, d, scene.point(index), known),
+            Wanted::Distances => self.cut(scene.component, d, scene.point(block, n), known),
             // Only on the boundary itself does the sign change.
             Wanted::Signs if d >= 0.0 => d,
             Wanted::Signs => {
                 let near = -self.on_boundary();
-                let at = scene.point(index);
+                let at = scene.point(block, n);
                 if self.cut(scene.component, near, at, known) < 0.0 {
                     d
                 } else {
@@ -383,27 +450,38 @@ impl<F: Filling> TiledSolid<'_, F> {
         }
         self.rule_q((scene.near, places), bundle, scene.wanted, samples);
         *looked += u64::from(bundle.real.count_ones());
-        for n in bits(bundle.real) {
-            let block = &blocks[group[n / VOLUME]];
+        for (number, &n) in group.iter().enumerate() {
+            let block = &blocks[n];
             let known = scene.known(&parts[block.part]);
-            let index = block.index(n);
-            if samples.owned >> n & 1 != 0 {
-                out[scene.index(index)] = self.ended(scene, samples.d[n], index, known) as f32;
+            let first = number * VOLUME;
+            let owned = samples.owned >> first & 0xff;
+            if known.is_deep && owned == 0xff {
+                for n in 0..VOLUME {
+                    out[scene.index(block, n)] = samples.d[first + n] as f32;
+                }
                 continue;
             }
-            let stray = Stray {
-                n: scene.index(index),
-                x: bundle.point(n),
-                part: block.part,
-            };
-            let is_outside = samples.outside(places.len(), n) > GAP * self.options.voxel_size;
-            if is_outside && self.is_cut() && scene.wanted == Wanted::Signs {
-                out[stray.n] = self.options.half_width as f32;
-            } else if is_outside {
-                strays.push(stray);
-            } else {
-                // Perhaps in a gap between elements.
-                out[stray.n] = self.alone(scene, &stray, known) as f32;
+            for n in bits(block.places()) {
+                let index = scene.index(block, n);
+                if owned >> n & 1 != 0 {
+                    let d = samples.d[first + n];
+                    out[index] = self.ended(scene, d, (block, n), known) as f32;
+                    continue;
+                }
+                let stray = Stray {
+                    n: index,
+                    x: bundle.point(first + n),
+                    part: block.part,
+                };
+                let outside = samples.outside(places.len(), first + n);
+                if outside <= GAP * self.options.voxel_size {
+                    // Perhaps in a gap between elements.
+                    out[index] = self.alone(scene, &stray, known) as f32;
+                } else if self.is_cut() && scene.wanted == Wanted::Signs {
+                    out[index] = self.options.half_width as f32;
+                } else {
+                    strays.push(stray);
+                }
             }
         }
     }

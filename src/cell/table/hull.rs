@@ -83,15 +83,14 @@ impl Work for Hulls<'_> {
                 let row = &self.coefficients[start..start + sz];
                 for k in 0..4 {
                     let c = &mut b[16 * i + 4 * j + k];
-                    *c = match row.get(z + k..).and_then(|r| r.first_chunk()) {
-                        Some(eight) => lanes.load(eight),
-                        None => {
-                            let mut eight = [0.0; TOGETHER];
-                            for (l, v) in eight.iter_mut().enumerate() {
-                                *v = row[(z + k + l).min(sz - 1)];
-                            }
-                            lanes.load(&eight)
+                    *c = if let Some(eight) = row.get(z + k..).and_then(|r| r.first_chunk()) {
+                        lanes.load(eight)
+                    } else {
+                        let mut eight = [0.0; TOGETHER];
+                        for (l, v) in eight.iter_mut().enumerate() {
+                            *v = row[(z + k + l).min(sz - 1)];
                         }
+                        lanes.load(&eight)
                     };
                 }
             }

@@ -67,7 +67,6 @@ impl<F: Filling> TiledSolid<'_, F> {
                     batch.guests.push(n);
                 }
             }
-            let patch = self.patch(local, place);
             let first = batch.points.len();
             self.spots(local, place, (&batch.at, self.delta()), &mut found);
             for (k, spot) in found.found() {
@@ -75,11 +74,8 @@ impl<F: Filling> TiledSolid<'_, F> {
                 let depth = batch.items[n as usize].depth;
                 let weight = 1.0 - spot.overshoot.max(depth) / self.delta();
                 if weight > 0.0 {
-                    let trail = batch.trails.of_straight(place, patch);
-                    if trail.is_none() {
-                        batch.inverses.push(spot.inverse);
-                    }
-                    batch.take_seat(n, place as u32, spot.xi, trail, weight);
+                    batch.inverses.push(spot.inverse);
+                    batch.take_seat(n, place as u32, spot.xi, None, weight);
                 }
             }
             let guests = &batch.points[first..];
@@ -126,7 +122,7 @@ impl<F: Filling> TiledSolid<'_, F> {
             let all = first..first + run.len();
             let Seat { place, trail, .. } = run[0];
             let frame = if let Some(number) = trail {
-                Frame::Trail(&trails.all[number as usize])
+                Frame::Trail(&trails[number as usize])
             } else {
                 let own = alone..alone + run.len();
                 alone = own.end;

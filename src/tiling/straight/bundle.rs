@@ -101,7 +101,7 @@ impl Bundle {
     #[inline(always)]
     pub fn push_block(&mut self, [x, y, z]: [[f64; 2]; 3], real: u64) {
         let row = self.len / 4;
-        if self.len % 4 != 0 || row + 2 > MOST / 4 {
+        if !self.len.is_multiple_of(4) || row + 2 > MOST / 4 {
             return;
         }
         for (row, x) in (row..).zip(x) {
@@ -121,7 +121,7 @@ impl Bundle {
     pub fn fill_up(&mut self) {
         if let Some(last) = self.len.checked_sub(1) {
             let last = self.point(last);
-            while self.len % 4 != 0 {
+            while !self.len.is_multiple_of(4) {
                 self.push(last.into(), false);
             }
         }
