@@ -38,6 +38,7 @@ mod clamp;
 mod control;
 mod corners;
 mod distribution;
+mod error;
 mod exact;
 mod fill;
 mod near;
@@ -57,6 +58,7 @@ mod walls;
 pub use blend::{Blend, Member};
 pub use certificate::{Certificate, FaceStatistics, Seam, certify};
 pub use distribution::Interpolation;
+pub use error::TilingError;
 pub use path::{PathCheck, check_path};
 pub use source::{CellField, Filling, fills};
 pub use visits::Visits;
@@ -108,81 +110,6 @@ pub struct TilingOptions {
     pub distance: Distance,
     /// What the scaffold's outer faces do.
     pub boundary: Boundary,
-}
-
-/// Why a cell cannot be tiled over a scaffold.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum TilingError {
-    /// The scaffold has elements of another shape than the cell.
-    #[error("the cell fills a {cell}, but element {number} of the scaffold is a {found}")]
-    Shape {
-        /// Name of the cell's element.
-        cell: &'static str,
-        /// Number of the first element that differs.
-        number: usize,
-        /// Name of its shape.
-        found: &'static str,
-    },
-    /// Copies of a cell in neighbours that do not meet.
-    #[error(
-        "the cell does not continue from element {} (a {}) to element {} (a {}): its values on their \
-         common face differ by {jump:.3} reference lengths; use a cell with its element's whole group, \
-         and in mixed meshes cells that agree on faces, or all_hex = true with one hex cell",
-        elements[0], shapes[0], elements[1], shapes[1]
-    )]
-    Seam {
-        /// Numbers of the elements, of their file.
-        elements: [u64; 2],
-        /// Names of their shapes.
-        shapes: [&'static str; 2],
-        /// The greatest difference seen, over the mean slope.
-        jump: f64,
-    },
-    /// Weights that say nothing.
-    #[error("the weights at ({}, {}, {}) sum to {sum}; expected a positive, finite sum", at[0], at[1], at[2])]
-    Weights {
-        /// The node, world coordinates.
-        at: [f64; 3],
-        /// Their sum there.
-        sum: f64,
-    },
-    /// Too few or too many weights.
-    #[error("{found} weights; expected {expected}, one for each of at most 8 cells at each place")]
-    WeightCount {
-        /// How many there are.
-        found: usize,
-        /// How many there should be.
-        expected: usize,
-    },
-    /// Pyramids have no smoothed weights.
-    #[error(
-        "element {number} is a pyramid, whose weights cannot be smoothed; expected linear ones"
-    )]
-    Smoothstep {
-        /// Its number in the file.
-        number: u64,
-    },
-    /// A length is not positive and finite.
-    #[error("{what} is {value}; expected a positive, finite length")]
-    Length {
-        /// Which one.
-        what: &'static str,
-        /// What it is.
-        value: f64,
-    },
-    /// There is nothing to tile.
-    #[error("the scaffold has no elements")]
-    Empty,
-    /// A cell without slope or with one that is not finite has no distance.
-    #[error(
-        "the cell's gradient has the root mean square {rms} on its surface and the bound {sup}; expected positive, finite numbers (does the cell have a surface?)"
-    )]
-    Slope {
-        /// Root mean square of the gradient on the surface.
-        rms: f64,
-        /// Its bound.
-        sup: f64,
-    },
 }
 
 /// A set of elements joined by faces.

@@ -6,9 +6,11 @@
 //! elements they lie in, for F is continuous. What is left goes through rule Q by eight blocks at a time.
 //! What lies outside the scaffold waits, and is measured at the boundary's closest points by as many.
 
+mod block;
 mod bundle;
 mod rule;
 mod steps;
+mod strays;
 
 use super::boundary::Known;
 use super::fill::{PartOfLattice, parts};
@@ -16,54 +18,14 @@ use super::near::{Local, Near};
 use super::{Filling, TiledSolid};
 use crate::field::{Interval, Point, SampleLattice};
 use crate::frame::{Aabb, Vec3, WorldPoint};
+use block::{BLOCK, Block, Part, Scene, VOLUME, place};
 use bundle::{Bundle, MOST, bits};
 use rule::Rule;
 pub(super) use rule::Wanted;
+use strays::{GAP, Stray};
 
-/// Samples along the edge of a block.
-const BLOCK: usize = 2;
-/// Samples of a block.
-const VOLUME: usize = BLOCK * BLOCK * BLOCK;
-/// Of boxes with so many edges of one sample's distance, in such distances.
-const DIAGONALS: [f64; 4] = [0.0, 1.0, std::f64::consts::SQRT_2, 1.732_050_807_568_877_2];
 /// With more near elements than this the parts of a lattice are taken one by one.
 const MANY: usize = 24;
-/// Further outside all elements than this share of a voxel a point is not between two by rounding.
-const GAP: f64 = 1e-6;
-
-/// A block of samples: its first, counts by axis, and the part of the lattice that it is of.
-#[derive(Clone, Copy)]
-struct Block {
-    first: [usize; 3],
-    count: [usize; 3],
-    part: usize,
-    /// From the centre to the farthest sample, world units.
-    radius: f64,
-    /// Storage index of the first sample.
-    start: usize,
-}
-
-/// A sample in no element.
-#[derive(Clone, Copy)]
-struct Stray {
-    n: usize,
-    x: Vec3,
-    part: usize,
-}
-
-/// What is known of a part of a lattice.
-#[derive(Clone, Copy)]
-struct Part {
-    /// Whether it lies deeper under the boundary than the band reaches.
-    is_deep: bool,
-    /// The greatest distance to the boundary.
-    distance: f64,
-    /// How far off the field may be taken.
-    reach: f64,
-    /// Its shore among those of all parts.
-    shore: [usize; 2],
-}
-
 /// Room for the work, kept between lattices.
 #[derive(Default)]
 pub(super) struct Straight {
@@ -82,96 +44,12 @@ pub(super) struct Straight {
     pub looked: u64,
 }
 
-/// The part of a lattice that is being measured.
-struct Scene<'a> {
-    component: usize,
-    near: &'a Near,
-    lattice: &'a SampleLattice<WorldPoint>,
-    wanted: Wanted,
-    /// Triangles of the boundary that may show, in all of the lattice and part by part.
-    shore: Option<&'a [u32]>,
-    shores: &'a [u32],
-    /// Coordinates of the lattice's samples along each axis.
-    at: &'a [Vec<f64>; 3],
-    /// Of the eight samples of a block, storage indices from the first one's on.
-    offsets: [usize; VOLUME],
-}
-
-impl<'a> Scene<'a> {
-    fn known(&self, part: &Part) -> Known<'a> {
-        Known {
-            constant: None,
-            is_deep: part.is_deep,
-            distance: part.distance,
-            shore: self
-                .shore
-                .map(|_| &self.shores[part.shore[0]..part.shore[1]]),
-        }
-    }
-
-    /// Storage index of a block's sample.
-    #[inline]
-    fn index(&self, block: &Block, n: usize) -> usize {
-        block.start + self.offsets[n % VOLUME]
-    }
-
-    /// Where a block's sample lies.
-    fn point(&self, block: &Block, n: usize) -> Vec3 {
-        let own = place(n);
-        let along = |a: usize| self.at[a][block.first[a] + own[a]];
-        Vec3::new(along(0), along(1), along(2))
-    }
-}
-
 impl Straight {
     fn clear(&mut self) {
         self.parts.clear();
         self.blocks.clear();
         self.shores.clear();
     }
-}
-
-impl Block {
-    /// Of the block from a sample on, not beyond another one.
-    fn new(first: [usize; 3], last: [usize; 3], part: usize, scene: &Scene) -> Self {
-        let count = [0, 1, 2].map(|a| BLOCK.min(last[a] + 1 - first[a]));
-        let edges: usize = count.iter().map(|c| c - 1).sum();
-        let [_, ny, nz] = scene.lattice.counts;
-        Self {
-            first,
-            count,
-            part,
-            radius: scene.lattice.step * DIAGONALS[edges] / 2.0,
-            start: (first[0] * ny + first[1]) * nz + first[2],
-        }
-    }
-
-    /// Coordinates of its first and of its last sample, by axis.
-    fn ends(&self, scene: &Scene) -> [[f64; BLOCK]; 3] {
-        let of = |a: usize| {
-            let at = &scene.at[a];
-            [at[self.first[a]], at[self.first[a] + self.count[a] - 1]]
-        };
-        [of(0), of(1), of(2)]
-    }
-
-    fn is_whole(&self) -> bool {
-        self.count == [BLOCK; 3]
-    }
-
-    /// Its samples among the eight places of a block: a bit each.
-    fn places(&self) -> u64 {
-        if self.is_whole() {
-            return 0xff;
-        }
-        let has = |n: usize| (0..3).all(|a| place(n)[a] < self.count[a]);
-        (0..VOLUME).fold(0, |bits, n| bits | u64::from(has(n)) << n)
-    }
-}
-
-/// A place of the eight of a block, by axis.
-fn place(n: usize) -> [usize; 3] {
-    [n >> 2 & 1, n >> 1 & 1, n & 1]
 }
 
 impl<F: Filling> TiledSolid<'_, F> {
@@ -484,74 +362,5 @@ impl<F: Filling> TiledSolid<'_, F> {
                 }
             }
         }
-    }
-
-    /// The value at a sample, looked for by itself.
-    fn alone(&self, scene: &Scene, stray: &Stray, known: Known) -> f64 {
-        let near = Near {
-            patches: scene.near.patches.clone(),
-            slope_sup: scene.near.slope_sup,
-        };
-        self.value_at(scene.component, &mut Local::new(near), stray.x, known)
-    }
-
-    /// Values outside the scaffold: at the closest points of its boundary, and not less than the distance
-    /// to them where the boundary cuts.
-    fn fill_strays(&self, scene: &Scene, room: &mut Straight, out: &mut [f32]) {
-        let w = self.options.half_width;
-        let boundary = &self.components[scene.component].boundary;
-        let strays = std::mem::take(&mut room.strays);
-        for strays in strays.chunks(MOST) {
-            room.bundle.clear();
-            let mut feet = Aabb::EMPTY;
-            let mut asked = [(0, 0.0); MOST];
-            for (number, stray) in strays.iter().enumerate() {
-                let closest = if self.is_cut() {
-                    let known = scene.known(&room.parts[stray.part]);
-                    let radius = w.min(known.distance * (1.0 + 1e-9));
-                    known.closest_within(boundary, stray.x, radius)
-                } else {
-                    Some(boundary.closest(stray.x))
-                };
-                let Some(closest) = closest else {
-                    out[stray.n] = w as f32;
-                    continue;
-                };
-                let outside = match self.is_cut() {
-                    true if closest.distance < self.on_boundary() => 0.0,
-                    true => closest.distance,
-                    false => -w,
-                };
-                asked[room.bundle.len()] = (number, outside);
-                let q = closest.point;
-                feet = feet.union(Aabb { min: q, max: q });
-                room.bundle.push(q.into(), true);
-            }
-            room.bundle.fill_up();
-            if room.bundle.len() == 0 {
-                continue;
-            }
-            let (centre, half) = (feet.centre().0, feet.size() / 2.0);
-            room.places.clear();
-            for (place, &e) in (0..).zip(&scene.near.patches) {
-                if !self.patches[e as usize].misses(centre, half, self.delta()) {
-                    room.places.push(place);
-                }
-            }
-            let near = (scene.near, &*room.places);
-            self.rule_q(near, &room.bundle, scene.wanted, &mut room.samples);
-            for n in bits(room.bundle.real) {
-                let (number, outside) = asked[n];
-                let stray = &strays[number];
-                out[stray.n] = if room.samples.owned >> n & 1 != 0 {
-                    room.samples.d[n].max(outside).min(w) as f32
-                } else {
-                    self.alone(scene, stray, scene.known(&room.parts[stray.part])) as f32
-                };
-            }
-        }
-        room.looked += strays.len() as u64;
-        room.strays = strays;
-        room.strays.clear();
     }
 }

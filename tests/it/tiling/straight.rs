@@ -46,14 +46,15 @@ fn table(kind: Kind) -> Table {
     Table::new(&surface.cell(kind.shape()).unwrap()).unwrap()
 }
 
-/// A lattice whose first sample lies anywhere in a scaffold's box or a little outside of it.
+/// A lattice whose first sample lies anywhere in the box of one of the elements or a little outside of it.
 fn anywhere(
     scaffold: &Scaffold,
     counts: [usize; 3],
     h: f64,
     noise: &mut Noise,
 ) -> SampleLattice<WorldPoint> {
-    let bounds = scaffold.bounds().dilated(6.0 * h);
+    let element = scaffold.element(noise.below(scaffold.len()));
+    let bounds = element.bounds().dilated(6.0 * h);
     let share = noise.vector() * 0.5 + Vec3::repeat(0.5);
     SampleLattice {
         origin: WorldPoint(bounds.min + bounds.size().component_mul(&share)),
