@@ -106,7 +106,7 @@ fn values_and_signs_in_bulk_are_those_of_single_points() {
                         outside += usize::from(single > 0.0);
                     }
                 }
-                assert!(inside > 50 && outside > 500, "{inside} {outside}");
+                assert!(inside > 50 && outside > 50, "{inside} {outside}");
             }
         }
     }
