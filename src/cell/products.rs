@@ -166,6 +166,11 @@ impl Products {
         self.any_numbering
     }
 
+    /// How many products there are.
+    pub fn terms(&self) -> usize {
+        self.terms.len()
+    }
+
     /// Whether values can be held in single precision.
     pub fn is_single(&self) -> bool {
         (self.most + self.mean.abs() + self.half.abs()) < 1e30

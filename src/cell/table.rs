@@ -24,6 +24,7 @@ use crate::field::{Field, Interval};
 use crate::frame::{CellBox, CellPoint, Element, Vec3};
 
 mod build;
+mod direct;
 mod grid;
 mod hull;
 mod leaf;
@@ -36,6 +37,7 @@ mod window;
 use build::{Spectrum, good_size};
 use grid::Grid;
 use leaf::Leaf;
+use spline::Spline;
 
 /// Greatest number of samples per axis that [`Table::new`] uses: 9 MiB for each series of a hex.
 const LARGEST: usize = 160;
@@ -69,6 +71,10 @@ pub struct Table {
     gradient_sup: f64,
     gradient_rms: f64,
     products: Option<Products>,
+    /// Whether values come from the products; the spline is for bounds then.
+    is_direct: bool,
+    /// How much the products' values and gradients may be beyond the spline's bounds.
+    slack: [f64; 2],
     /// Exponentials that were left out.
     dropped: usize,
     error_rms: f64,
@@ -200,6 +206,8 @@ impl Table {
             gradient_sup,
             gradient_rms: cell.gamma(),
             products,
+            is_direct: false,
+            slack: [0.0; 2],
             dropped,
             error_rms,
             displacement: None,
@@ -252,7 +260,8 @@ impl Table {
     }
 
     /// Root mean square of table - cell over a period, in field units, but for rounding to single
-    /// precision; of an expression as if all its series erred at once, of a function without periods 0.
+    /// precision; of an expression as if all its series erred at once, of a function without periods, and
+    /// where values come from products, 0.
     pub fn error_rms(&self) -> f64 {
         self.error_rms
     }
@@ -290,10 +299,15 @@ impl Table {
         self.gradient_rms
     }
 
-    /// Interval of the interpolant and bound of its gradient over a box.
+    /// Interval of the function and bound of its gradient over a box.
     fn range(&self, region: &CellBox<3>) -> (Interval, f64) {
         match &self.function {
-            Function::Plain(leaf) => leaf.range(region),
+            Function::Plain(leaf) => {
+                let (values, steepest) = leaf.range(region);
+                let [value, slope] = self.slack;
+                let values = Interval::new(values.lo - value, values.hi + value);
+                (values, steepest + slope)
+            }
             Function::Tree(form, leaves) => {
                 let mut each = leaves.iter();
                 form.range_by(&mut |_| {
@@ -318,6 +332,17 @@ impl Table {
         }
     }
 
+    /// The products that values come from, and the spline that bounds them.
+    #[inline]
+    fn direct(&self) -> Option<(&Products, &Spline)> {
+        match (&self.products, &self.function) {
+            (Some(products), Function::Plain(leaf)) if self.is_direct => {
+                Some((products, &leaf.spline))
+            }
+            _ => None,
+        }
+    }
+
     #[inline]
     fn raw(&self, p: CellPoint<3>) -> f32 {
         match &self.function {
@@ -328,6 +353,9 @@ impl Table {
 
     /// Values at points, into `out` of the same length: the bits of [`Field::value`].
     pub fn values(&self, points: &[CellPoint<3>], out: &mut [f32]) {
+        if let Some((products, spline)) = self.direct() {
+            return spline.run(direct::Values(products, points, out));
+        }
         match &self.function {
             Function::Plain(leaf) => {
                 leaf.spline.values(points, out);
@@ -346,6 +374,9 @@ impl Table {
     /// Values and gradients (value, by x, by y, by z) at points, into `out` of the same length: the
     /// bits of [`Table::sample`].
     pub fn values_and_gradients(&self, points: &[CellPoint<3>], out: &mut [[f32; 4]]) {
+        if let Some((products, spline)) = self.direct() {
+            return spline.run(direct::Samples(products, points, out));
+        }
         match &self.function {
             Function::Plain(leaf) => {
                 leaf.spline.samples(points, out);
@@ -381,6 +412,12 @@ impl Table {
     /// Value and gradient in single precision, as they are computed.
     #[inline]
     pub fn sample(&self, p: CellPoint<3>) -> (f32, [f32; 3]) {
+        if self.is_direct {
+            let mut out = [[0.0; 4]];
+            self.values_and_gradients(&[p], &mut out);
+            let [v, x, y, z] = out[0];
+            return (v, [x, y, z]);
+        }
         let (raw, g) = match &self.function {
             Function::Plain(leaf) => leaf.spline.value_and_gradient(p),
             Function::Tree(form, leaves) => tree_slope(form, leaves, p.0),
@@ -435,6 +472,11 @@ impl Field for Table {
 
     #[inline]
     fn value(&self, p: CellPoint<3>) -> f64 {
+        if self.is_direct {
+            let mut out = [0.0];
+            self.values(&[p], &mut out);
+            return f64::from(out[0]);
+        }
         f64::from(self.solid_value(self.raw(p)))
     }
 

@@ -40,6 +40,7 @@ impl Fineness {
         let slope = table.gradient_rms();
         serde_json::json!({
             "element": table.element().name(),
+            "kernel": if table.is_direct() { "products" } else { "spline" },
             "samples": table.samples(),
             "bytes": table.bytes(),
             "dropped_waves": table.dropped(),

@@ -78,7 +78,7 @@ const SUBJECTS: &[Subject] = &[
         measure: w1::first_pass,
     },
     Subject {
-        keys: &["P6", "P6.gradient", "P18.lookup"],
+        keys: &["P6", "P6.gradient", "P6.products", "P18.lookup"],
         measure: look_up::look_ups,
     },
     Subject {

@@ -1,5 +1,6 @@
 //! Laws of `cell`, and the closed forms and reference values it has to meet.
 
+mod direct;
 mod displacement;
 mod face_normal;
 mod figures;

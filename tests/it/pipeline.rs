@@ -204,7 +204,13 @@ fn the_report_says_how_values_were_found() {
     assert_eq!(found.band.kernel, Some(Kernel::Products));
     let text = serde_json::to_value(&found).unwrap();
     assert_eq!(text["band"]["kernel"], "products");
-    assert_eq!(report(STRUTS).band.kernel, Some(Kernel::Tables));
+    let struts = report(STRUTS);
+    assert_eq!(struts.band.kernel, Some(Kernel::Tables));
+    let kernels = [&found, &struts].map(|r| {
+        let (_, cell) = r.cells.iter().next().unwrap();
+        cell["tables"][0]["kernel"].clone()
+    });
+    assert_eq!(kernels, ["products", "spline"]);
     let solid =
         "druse = 1\n[band]\nvoxel_size = 0.5\n[[op]]\nunion = { box = { size = [5, 5, 5] } }\n";
     assert_eq!(report(solid).band.kernel, None);

@@ -23,7 +23,12 @@ impl Products {
     /// The functions along an axis at eight places, from the places' parts of a period, -1/2 to 1/2.
     #[inline(always)]
     pub fn along<L: Lanes>(&self, l: L, parts: &[f32; 8]) -> Along<L::F> {
-        let r = l.load(parts);
+        self.along_of(l, l.load(parts))
+    }
+
+    /// The same of parts that are on lanes.
+    #[inline(always)]
+    pub fn along_of<L: Lanes>(&self, l: L, r: L::F) -> Along<L::F> {
         // Sines of the angle folded to a quarter turn.
         let quarter = l.splat(0.25);
         let size = l.magnitude(r);
@@ -83,6 +88,18 @@ impl Products {
             gradient[2] = l.fused(l.mul(l.splat(p.steep[2]), z[dk]), xy, gradient[2]);
         }
         (value, gradient)
+    }
+
+    /// The value from the functions along the axes.
+    #[inline(always)]
+    pub fn value<L: Lanes>(&self, l: L, [x, y, z]: [&Along<L::F>; 3]) -> L::F {
+        let mut sum = l.splat(0.0);
+        for p in &self.terms {
+            let [i, j, k] = p.functions;
+            let yz = l.mul(y[j & MASK], z[k & MASK]);
+            sum = l.fused(l.mul(l.splat(p.factor), x[i & MASK]), yz, sum);
+        }
+        self.solid_of(l, sum)
     }
 
     /// Value and derivatives by the angles from the functions along the axes.

@@ -57,7 +57,7 @@ impl Leaf {
     }
 
     /// The same of a component of the gradient.
-    fn slope_rounding(&self) -> f64 {
+    pub fn slope_rounding(&self) -> f64 {
         let scale = self.spline.grid().per_unit();
         self.rounding() * scale.into_iter().fold(0.0, f64::max)
     }

@@ -60,6 +60,7 @@ impl Table {
                 .collect::<Result<Vec<_>, CellError>>()?;
             let last = std::mem::replace(&mut grids, leaves.iter().map(|l| l.1).collect());
             let mut table = Self::build(cell, form.clone(), leaves);
+            table.prefer_products();
             let probe = probe.get_or_insert_with(|| Probe::new(cell, &table));
             let found = probe.displacement(&table);
             table.displacement = Some(found);

@@ -21,9 +21,10 @@ use super::weights::{CUBIC, SLOPES, Y, Y_SLOPES, Z, Z_SLOPES, cubic, square};
 use crate::frame::CellPoint;
 use crate::lanes::{self, Lanes, Plain, Work};
 use place::Places;
+pub(super) use place::four;
 
 /// Points that are evaluated together.
-const GROUP: usize = 8;
+pub(super) const GROUP: usize = 8;
 /// Coefficients around a point in half a plane.
 const HALF: usize = 8;
 /// Neighbours along y that an entry holds.
@@ -296,7 +297,8 @@ impl Spline {
         }
     }
 
-    fn run(&self, work: impl Work<Output = ()>) {
+    /// Does a work on the lanes that the spline is for.
+    pub fn run(&self, work: impl Work<Output = ()>) {
         if self.is_portable {
             work.run(Plain);
         } else {

@@ -43,6 +43,7 @@ pub const FIGURES: &[Figure] = &[
     figure("P5", "W1, first pass of a process against later ones", "x", AtMost(3.0, 1.5)),
     figure("P6", "look-up in a table: value", "ns", AtMost(10.0, 6.0)),
     figure("P6.gradient", "look-up in a table: value and gradient", "ns", AtMost(18.0, 10.0)),
+    figure("P6.products", "a closed form at a point, by products: value", "ns", AtMost(10.0, 6.0)),
     figure("P7", "W2, a cell of 5984 orbits against one of 20", "x", AtMost(1.15, 1.05)),
     figure("P8", "W2 per active voxel, one thread", "ns", AtMost(200.0, 80.0)),
     figure("P9", "W1s, voxels of half the size: time", "x", Within([3.2, 5.0], [3.6, 4.4])),

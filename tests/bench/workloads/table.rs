@@ -11,15 +11,19 @@ use std::hint::black_box;
 const ROUNDS: usize = 7;
 /// Greatest error, in reference lengths: makes a table of 128 samples and 5 MiB.
 const TOLERANCE: f64 = 1e-6;
+/// A hundredth of a voxel where 40 make a cell: what the pipeline asks of the same cell.
+const DISPLACEMENT: f64 = 0.01 / 40.0;
 
 /// P6 and P18.lookup.
 pub fn look_ups(_: &Setting) -> Result<Vec<Found>, Box<dyn std::error::Error>> {
     let cell = Surface::Neovius.cell(Element::Hex)?;
     let table = Table::with_tolerance(&cell, TOLERANCE)?;
     let portable = Table::with_tolerance(&cell, TOLERANCE)?.portable();
+    let products = Table::for_displacement(&cell, DISPLACEMENT)?;
     let points = walk();
     let (mut values, mut more) = (vec![0.0; 512], vec![0.0; 512]);
-    let mut slopes = vec![[0.0; 4]; 512];
+    let (mut slopes, mut others, mut steep) =
+        (vec![[0.0; 4]; 512], vec![0.0; 512], vec![[0.0; 4]; 512]);
     let seconds = in_turn(
         ROUNDS,
         &mut [
@@ -41,6 +45,18 @@ pub fn look_ups(_: &Setting) -> Result<Vec<Found>, Box<dyn std::error::Error>> {
                     black_box(&more);
                 }
             },
+            &mut || {
+                for leaf in points.chunks(512) {
+                    products.values(leaf, &mut others);
+                    black_box(&others);
+                }
+            },
+            &mut || {
+                for leaf in points.chunks(512) {
+                    products.values_and_gradients(leaf, &mut steep);
+                    black_box(&steep);
+                }
+            },
         ],
     );
     let each = |s: &[f64]| {
@@ -54,9 +70,15 @@ pub fn look_ups(_: &Setting) -> Result<Vec<Found>, Box<dyn std::error::Error>> {
     );
     let (value, slope) = (each(&seconds[0]), each(&seconds[1]));
     let ratios = Spread::of_ratios(&seconds[2], &seconds[0]);
+    let (few, steep) = (each(&seconds[3]), each(&seconds[4]));
     Ok(vec![
         Found::new("P6", value.median, format!("{value}; {size}")),
         Found::new("P6.gradient", slope.median, format!("{slope}; {size}")),
+        Found::new(
+            "P6.products",
+            few.median,
+            format!("{few}; with gradient {steep}"),
+        ),
         Found::new("P18.lookup", ratios.median, ratios.to_string()),
     ])
 }

@@ -3,10 +3,10 @@
 use super::{pairings, random_cell};
 use crate::strategy::Noise;
 use druse::cell::{
-    Cell, FitOptions, Placement, Skeleton, Solid, Source, Surface, Table, fit_source,
+    Cell, FitOptions, Join, Placement, Skeleton, Solid, Source, Surface, Table, fit_source,
 };
 use druse::field::Field;
-use druse::frame::{CellPoint, Element, Vec3};
+use druse::frame::{CellPoint, Element};
 use druse::progress::Silent;
 
 /// A strut cell as recipes make it.
@@ -91,6 +91,9 @@ fn the_mean_square_is_the_sum_over_waves() {
     for pairing in pairings() {
         let cell = random_cell(pairing, 5.5, &numbers, Solid::Below, 0.1);
         let table = Table::for_displacement(&cell, 0.02).unwrap();
+        if table.is_direct() {
+            continue;
+        }
         // Over many periods, whatever these are.
         let (mut noise, mut sum) = (Noise::new(5), 0.0);
         for _ in 0..4000 {
@@ -127,12 +130,10 @@ fn waves_that_are_left_out_go_by_whole_orbits() {
                 assert!((image - w).abs() < 3e-6 * cell.gamma(), "an orbit was torn");
             }
         }
-        // Nothing is left out, and little is off, where nothing may be.
-        let best = Table::for_displacement(&cell, 0.0).unwrap();
-        assert!(best.dropped() == 0 && best.displacement().unwrap() < 1e-4);
     }
-    let smooth = Surface::SchwarzP.cell(Element::Hex).unwrap();
-    let best = Table::for_displacement(&smooth, 0.0).unwrap();
-    assert!(best.displacement().unwrap() < 2e-6 && best.samples() < 160);
-    assert!((best.value(CellPoint(Vec3::zeros())).abs() - 3.0).abs() < 3e-6);
+    // Nothing is left out, and next to nothing is off, where nothing may be.
+    let parts = [Surface::SchwarzP, Surface::Iwp].map(|s| s.cell(Element::Hex).unwrap());
+    let union = Cell::joined("union", Join::Union, &[&parts[0], &parts[1]], 0.1).unwrap();
+    let best = Table::for_displacement(&union, 0.0).unwrap();
+    assert!(best.dropped() == 0 && best.displacement().unwrap() < 4e-6 && best.samples() < 160);
 }

@@ -18,7 +18,7 @@ pub(super) struct Places {
 
 /// Four of some points; the last one again beyond their end.
 #[inline(always)]
-fn four(points: &[CellPoint<3>], first: usize) -> [[f64; 3]; 4] {
+pub(in super::super) fn four(points: &[CellPoint<3>], first: usize) -> [[f64; 3]; 4] {
     let last = points.len() - 1;
     [
         points[first.min(last)].0.into(),
