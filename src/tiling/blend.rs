@@ -203,6 +203,7 @@ impl<'a, C: CellField> Blend<'a, C> {
         }
         total
     }
+
     /// Value and gradient at a point, from the members' and their weights there.
     fn mix(
         &self,

@@ -10,7 +10,7 @@ use crate::frame::Aabb;
 const SLACK: f64 = 1e-6;
 
 /// With more near elements than this the field is not looked at where regions have their centres.
-const MANY: usize = 256;
+const CROWD: usize = 256;
 
 impl<F: Filling> TiledSolid<'_, F> {
     /// Bound over all components.
@@ -72,12 +72,12 @@ impl<F: Filling> TiledSolid<'_, F> {
             if let Some(f) = value.filter(|_| reach == 0.0) {
                 // Of a region within the scaffold the value at its centre may say enough.
                 let (least, radius) = (w * near.slope_sup, region.half_diagonal());
-                let all = if f.abs() >= least + near.slope_sup * radius {
+                let all = if f.abs() >= (least + near.slope_sup * radius) * (1.0 + SLACK) {
                     let d = w.copysign(f);
                     Some(Interval::new(d, d))
                 } else {
                     // No interval that holds it is far from 0.
-                    (f.abs() < least).then(|| Interval::new(-w, w))
+                    (N > 1 && f.abs() < least).then(|| Interval::new(-w, w))
                 };
                 if let Some(all) = all {
                     *found = self.ended_bound(all, depth);
@@ -92,11 +92,13 @@ impl<F: Filling> TiledSolid<'_, F> {
             }
             let near = &own;
             let least = if N == 1 { 0.0 } else { w * near.slope_sup };
-            let field = self
-                .field_range(near, &wide, least)
-                .map_or(Interval::new(-w, w), |f| {
+            let field = match self.field_range(near, &wide, least) {
+                Some(f) if f.lo >= least || f.hi <= -least || N == 1 => {
                     self.distance_range(component, near, &wide, f)
-                });
+                }
+                // Perhaps not all elements were looked at.
+                _ => Interval::new(-w, w),
+            };
             *found = self.ended_bound(field, depth);
         }
         found
@@ -114,10 +116,10 @@ impl<F: Filling> TiledSolid<'_, F> {
         )
     }
 
-    /// The field at the centres of regions among few straight elements.
+    /// The field at the centres of regions among few straight elements, where it is continuous around.
     fn at_centres<const N: usize>(&self, near: &Near, regions: &[Aabb; N]) -> [Option<f64>; N] {
         if self.options.distance == Distance::Exact
-            || near.patches.len() > MANY
+            || near.patches.len() > CROWD
             || !self.are_straight(near)
         {
             return [None; N];

@@ -5,6 +5,9 @@ use crate::field::Interval;
 use crate::frame::{Aabb, Vec3};
 use crate::mesh::{Closest, MeshSolid};
 
+/// So many triangles are tried one by one; among more the tree finds the closest sooner.
+const FEW: usize = 64;
+
 /// What is known of a point before it is looked at; see [`TiledSolid::value_at`].
 #[derive(Clone, Copy)]
 pub(super) struct Known<'a> {
@@ -27,8 +30,8 @@ impl Known<'_> {
     /// width.
     pub fn closest_within(&self, boundary: &MeshSolid, x: Vec3, radius: f64) -> Option<Closest> {
         match self.shore {
-            Some(slots) => boundary.closest_among(slots, x, radius),
-            None => boundary.closest_within(x, radius),
+            Some(slots) if slots.len() <= FEW => boundary.closest_among(slots, x, radius),
+            _ => boundary.closest_within(x, radius),
         }
     }
 }
@@ -90,8 +93,10 @@ impl<F: Filling> TiledSolid<'_, F> {
         let inside = wider.hi < 0.0 || (wider.lo <= 0.0 && self.holds(component, centre, near));
         let closest = match shore {
             _ if !self.is_cut() && !inside => Some(boundary.closest(centre)),
-            Some(slots) => boundary.closest_among(slots, centre, radius + sight),
-            None => boundary.closest_within(centre, radius + sight),
+            Some(slots) if slots.len() <= FEW => {
+                boundary.closest_among(slots, centre, radius + sight)
+            }
+            _ => boundary.closest_within(centre, radius + sight),
         };
         let away = closest.map_or(f64::INFINITY, |c| c.distance);
         // What is not on the shore is out of sight.

@@ -3,7 +3,7 @@
 use super::batch::{Batch, Target};
 use super::boundary::Known;
 use super::near::{Local, Near};
-use super::straight::{Straight, Wanted};
+use super::straight::{CROWD, Straight, Wanted};
 use super::{Distance, Filling, TiledSolid};
 use crate::field::{Field, Interval, Point, SampleLattice};
 use crate::frame::{Aabb, Vec3, WorldPoint};
@@ -12,7 +12,7 @@ use std::cell::Cell;
 /// Samples along the edge of the boxes that are decided as a whole.
 const PART: usize = 4;
 /// Samples along the edge of the blocks that they are made of.
-const BLOCK: usize = 2;
+pub(super) const BLOCK: usize = 2;
 
 /// What a thread keeps from one lattice to the next.
 #[derive(Default)]
@@ -132,7 +132,10 @@ impl<F: Filling> TiledSolid<'_, F> {
             wide = self.near(component, &reached, self.margin());
         }
         self.note(&wide);
-        if self.options.distance == Distance::Fast && self.are_straight(&wide) {
+        if self.options.distance == Distance::Fast
+            && wide.patches.len() <= CROWD
+            && self.are_straight(&wide)
+        {
             let lattice = (lattice, wanted);
             let boundary = (whole_depth, shore);
             self.fill_straight((component, &wide), lattice, boundary, straight, out);

@@ -177,8 +177,8 @@ impl<F: Filling> TiledSolid<'_, F> {
         }
     }
 
-    /// Makes and notes a trail, with second derivatives, from a point as one of the near elements, a curved
-    /// one, has placed it.
+    /// Makes and notes a trail, with second derivatives, from a point as one of the near elements has
+    /// placed it.
     pub(super) fn note_trail(&self, local: &Local, place: usize, x: Vec3, spot: &Spot) -> Trail {
         let trail = self.patch(local, place).trail(self.scaffold, x, spot);
         local.trails[place].set(Some(trail));

@@ -340,6 +340,9 @@ impl Patch {
     /// By how much, in reference units, a trail errs at one of four points of a curved element at most;
     /// nothing is known of pyramids whose map is no polynomial.
     pub fn error(&self, scaffold: &Scaffold, trail: &Trail, points: [Vec3; 4]) -> f64 {
+        if self.is_affine() {
+            return 0.0;
+        }
         self.curve(scaffold)
             .map_or(f64::INFINITY, |c| c.error(trail, points))
     }

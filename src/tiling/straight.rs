@@ -3,7 +3,8 @@
 //!
 //! Samples go by blocks of 2^3. The field at a block's centre decides most of them: with L the slope's
 //! bound and R the block's half diagonal, |F| >= L (R + w) there means |F| >= L w at all samples, whatever
-//! elements they lie in, for F is continuous. What is left goes through rule Q by eight blocks at a time.
+//! elements they lie in: F is continuous but where a scaffold overlaps itself, which shows in that the
+//! centre lies in several elements. What is left goes through rule Q by eight blocks at a time.
 //! What lies outside the scaffold waits, and is measured at the boundary's closest points by as many.
 
 mod block;
@@ -13,12 +14,12 @@ mod steps;
 mod strays;
 
 use super::boundary::Known;
-use super::fill::{PartOfLattice, parts};
-use super::near::{Local, Near};
+use super::fill::{BLOCK, PartOfLattice, parts};
+use super::near::Near;
 use super::{Filling, TiledSolid};
 use crate::field::{Interval, Point, SampleLattice};
-use crate::frame::{Aabb, Vec3, WorldPoint};
-use block::{BLOCK, Block, Part, Scene, VOLUME, place};
+use crate::frame::{Vec3, WorldPoint};
+use block::{Block, Part, Scene, VOLUME, place};
 use bundle::{Bundle, MOST, bits};
 use rule::Rule;
 pub(super) use rule::Wanted;
@@ -26,6 +27,9 @@ use strays::{GAP, Stray};
 
 /// With more near elements than this the parts of a lattice are taken one by one.
 const MANY: usize = 24;
+/// With more than this elements are not placed by the row: what is kept of each takes 2 KiB.
+pub(super) const CROWD: usize = 1024;
+
 /// Room for the work, kept between lattices.
 #[derive(Default)]
 pub(super) struct Straight {
@@ -59,7 +63,7 @@ impl<F: Filling> TiledSolid<'_, F> {
         all.all(|&e| self.patches[e as usize].is_affine())
     }
 
-    /// The field at those of some points that lie in straight elements, all of the near ones being such.
+    /// The field at those of some points that lie in a single element, all near ones being straight.
     pub(super) fn field_at<const N: usize>(
         &self,
         near: &Near,
@@ -75,8 +79,8 @@ impl<F: Filling> TiledSolid<'_, F> {
         let patches = near.patches.iter().map(|&e| &self.patches[e as usize]);
         room.centres.place(patches, &room.bundle, self.delta());
         self.field_of(near, &mut room.centres, &mut values);
-        let owned = room.centres.owned;
-        std::array::from_fn(|n| (owned >> n & 1 != 0).then_some(values[n % MOST]))
+        let single = room.centres.single;
+        std::array::from_fn(|n| (single >> n & 1 != 0).then_some(values[n % MOST]))
     }
 
     /// Values of one component among straight elements, its boundary included; `depth` bounds the distance
@@ -89,7 +93,6 @@ impl<F: Filling> TiledSolid<'_, F> {
         room: &mut Straight,
         out: &mut [f32],
     ) {
-        let w = self.options.half_width;
         let mut at = std::mem::take(&mut room.at);
         for (axis, at) in at.iter_mut().enumerate() {
             let coordinate = |n| lattice.origin.stepped(lattice.step, [n; 3]).0[axis];
@@ -112,24 +115,21 @@ impl<F: Filling> TiledSolid<'_, F> {
         if near.patches.len() <= MANY {
             room.clear();
             for part in parts(lattice) {
-                self.enter(&whole, &part, depth, room, out);
+                let own = self.depth_of(&whole, &part, depth);
+                self.enter(&whole, &part, own, room, out);
             }
             self.fill_entered(&whole, room, out);
             room.at = at;
             return;
         }
-        let mut local = Local::rough();
+        let mut few = Near::default();
         for part in parts(lattice) {
-            let region = part.span(lattice);
             room.clear();
-            let own = self.depth_of((component, near), &region, depth, shore);
-            if self.is_cut() && own.lo >= w {
-                part.indices(lattice).for_each(|n| out[n] = w as f32);
-                continue;
-            }
-            self.narrow(near, &region.dilated(self.reach(own.hi)), &mut local);
+            let own = self.depth_of(&whole, &part, depth);
+            let region = part.span(lattice).dilated(self.reach(own.hi));
+            self.keep_near(near, &region, &mut few);
             let scene = Scene {
-                near: &local.near,
+                near: &few,
                 ..whole
             };
             self.enter(&scene, &part, own, room, out);
@@ -138,19 +138,13 @@ impl<F: Filling> TiledSolid<'_, F> {
         room.at = at;
     }
 
-    /// Bounds of the distance to the boundary over a box within a wider one.
-    fn depth_of(
-        &self,
-        (component, near): (usize, &Near),
-        region: &Aabb,
-        wider: Interval,
-        shore: Option<&[u32]>,
-    ) -> Interval {
-        if wider.hi <= -self.options.half_width {
-            wider
-        } else {
-            self.boundary_range(component, region, wider, (shore, &near.patches))
+    /// Bounds of the distance to the boundary over a part of a lattice, within those of the whole.
+    fn depth_of(&self, scene: &Scene, part: &PartOfLattice, whole: Interval) -> Interval {
+        if whole.hi <= -self.options.half_width {
+            return whole;
         }
+        let around = (scene.shore, &*scene.near.patches);
+        self.boundary_range(scene.component, &part.span(scene.lattice), whole, around)
     }
 
     /// Enters the blocks of a part that its depth does not decide.
@@ -163,8 +157,6 @@ impl<F: Filling> TiledSolid<'_, F> {
         out: &mut [f32],
     ) {
         let w = self.options.half_width;
-        let near = (scene.component, scene.near);
-        let depth = self.depth_of(near, &part.span(scene.lattice), depth, scene.shore);
         if self.is_cut() && depth.lo >= w {
             part.indices(scene.lattice).for_each(|n| out[n] = w as f32);
             return;
@@ -224,19 +216,18 @@ impl<F: Filling> TiledSolid<'_, F> {
             // A voxel's margin is enough for reference coordinates of what elements own.
             room.centres.place(patches, &room.bundle, self.delta());
             self.field_of(scene.near, &mut room.centres, &mut values);
-            let owned = room.centres.owned;
-            room.looked += u64::from(owned.count_ones());
+            let single = room.centres.single;
+            room.looked += u64::from(room.centres.owned.count_ones());
             let mut open = 0u64;
             for (n, block) in blocks.iter().enumerate() {
                 let known = scene.known(&room.parts[block.part]);
                 let radius = block.radius;
-                let is_owned = owned >> n & 1 != 0;
-                let is_far = is_owned && values[n].abs() >= scene.near.slope_sup * (radius + reach);
-                // All of a deep block lies in elements; of others one must hold it.
+                let least = scene.near.slope_sup * (radius + reach);
+                let is_far = single >> n & 1 != 0 && values[n].abs() >= least;
+                // All of a deep block lies in elements; of others one must hold it, and no other reach in.
                 let holds = || {
-                    let own = room.centres.placed[..scene.near.patches.len()].iter();
-                    let mut own = own.filter(|p| p.owns >> n & 1 != 0);
-                    own.any(|p| p.outside(n) <= -radius)
+                    let mut all = room.centres.placed[..scene.near.patches.len()].iter();
+                    all.all(|p| p.outside(n).abs() >= radius)
                 };
                 if !(is_far && (known.is_deep || holds())) {
                     open |= 1 << n;
@@ -327,7 +318,7 @@ impl<F: Filling> TiledSolid<'_, F> {
             }
         }
         self.rule_q((scene.near, places), bundle, scene.wanted, samples);
-        *looked += u64::from(bundle.real.count_ones());
+        *looked += u64::from(samples.owned.count_ones());
         for (number, &n) in group.iter().enumerate() {
             let block = &blocks[n];
             let known = scene.known(&parts[block.part]);

@@ -236,9 +236,10 @@ fn tables_are_as_fine_as_voxels_ask() {
         )
     };
     let made = |text: &str, bricks: Option<u32>| {
+        let out = tempfile::tempdir().unwrap();
         let options = RunOptions {
             bricks,
-            out: Some(tempfile::tempdir().unwrap().path().to_owned()),
+            out: Some(out.path().to_owned()),
             ..RunOptions::default()
         };
         run(&recipe(text), &options, &Silent).unwrap()
@@ -286,9 +287,10 @@ fn elements_far_from_the_solid_are_not_visited() {
             "{row}[[op]]\nintersect = {{ box = {{ centre = [8, 5, 5], size = [28, 20, 20] }} }}\n"
         );
         for bricks in [None, Some(1)] {
+            let out = tempfile::tempdir().unwrap();
             let options = RunOptions {
                 bricks,
-                out: Some(tempfile::tempdir().unwrap().path().to_owned()),
+                out: Some(out.path().to_owned()),
                 ..RunOptions::default()
             };
             let part = run(&recipe(&cut), &options, &Silent).unwrap().band;

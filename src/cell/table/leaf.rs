@@ -11,6 +11,8 @@ use rayon::prelude::*;
 
 /// Single precision: what rounding adds to an interval, relative to the largest coefficient.
 const ROUNDING: f64 = 3e-6;
+/// The same of a gradient, relative to the largest coefficient over the distance of samples.
+const SLOPE_ROUNDING: f64 = 1e-5;
 
 /// A series as a spline. Where operators of its group do not keep the grid (those of order 3 about z,
 /// on a grid along x and y), the value is the mean over the turned points.
@@ -33,7 +35,7 @@ impl Leaf {
         let steepest = steepest_over(&coefficients, &grid, element, whole_group);
         let scale = grid.per_unit().into_iter().fold(0.0, f64::max);
         Self {
-            sup: steepest * (1.0 + 1e-6) + ROUNDING * f64::from(pyramid.largest()) * scale,
+            sup: steepest * (1.0 + 1e-6) + SLOPE_ROUNDING * f64::from(pyramid.largest()) * scale,
             pyramid,
             spline: Spline::new(&coefficients, grid, spectrum.fold),
             error: spectrum.error_bounds(&grid),
@@ -59,7 +61,7 @@ impl Leaf {
     /// The same of a component of the gradient.
     pub fn slope_rounding(&self) -> f64 {
         let scale = self.spline.grid().per_unit();
-        self.rounding() * scale.into_iter().fold(0.0, f64::max)
+        SLOPE_ROUNDING * f64::from(self.pyramid.largest()) * scale.into_iter().fold(0.0, f64::max)
     }
 
     /// Bounds of the errors of a value and of a gradient's component, and of the gradient.

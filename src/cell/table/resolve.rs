@@ -53,11 +53,14 @@ impl Table {
         let mut rms = most * cell.gamma() / gain;
         let mut probe = None;
         let mut grids: Vec<Grid> = Vec::new();
+        let mut best = None;
         loop {
-            let leaves = spectra
-                .iter()
-                .map(|s| s.clone().resolved(rms))
-                .collect::<Result<Vec<_>, CellError>>()?;
+            let finer = spectra.iter().map(|s| s.clone().resolved(rms));
+            let leaves = match finer.collect::<Result<Vec<_>, CellError>>() {
+                Ok(leaves) => leaves,
+                // What there is does not keep to the tolerance, but it is a table.
+                Err(error) => return best.ok_or(error),
+            };
             let last = std::mem::replace(&mut grids, leaves.iter().map(|l| l.1).collect());
             let mut table = Self::build(cell, form.clone(), leaves);
             table.prefer_products();
@@ -67,9 +70,11 @@ impl Table {
             if found <= most || last == grids {
                 return Ok(table);
             }
+            let error_rms = table.error_rms;
+            best = Some(table);
             // Where waves meet, and where the slope is small, the displacement is several times the root
             // mean square over the mean slope. The next size may do; it need not be the one after.
-            rms = table.error_rms / gain * (most / found).sqrt();
+            rms = error_rms / gain * (most / found).sqrt();
         }
     }
 }
@@ -89,7 +94,8 @@ impl Spectrum {
         let longest = self.periods[..axes].iter().copied().fold(0.0, f64::max);
         let of = |samples: usize| {
             let density = aligned(samples) as f64 / longest;
-            self.grid_by(|axis| aligned((density * self.periods[axis]).ceil() as usize))
+            let wanted = |axis: usize| (density * self.periods[axis]).ceil() as usize;
+            self.grid_by(|axis| aligned(wanted(axis).min(LARGEST)))
         };
         let mut grid = of(SMALLEST);
         loop {

@@ -4,10 +4,9 @@ use super::rule::Wanted;
 use crate::field::SampleLattice;
 use crate::frame::{Vec3, WorldPoint};
 use crate::tiling::boundary::Known;
+use crate::tiling::fill::BLOCK;
 use crate::tiling::near::Near;
 
-/// Samples along the edge of a block.
-pub(super) const BLOCK: usize = 2;
 /// Samples of a block.
 pub(super) const VOLUME: usize = BLOCK * BLOCK * BLOCK;
 /// Of boxes with so many edges of one sample's distance, in such distances.

@@ -21,6 +21,8 @@ pub(super) struct Rule {
     pub placed: Vec<Placed>,
     /// Which points lie in an element.
     pub owned: u64,
+    /// Which lie in one only: not on faces, nor where a scaffold overlaps itself.
+    pub single: u64,
     /// Their distances, clamped to the band; the boundary not regarded.
     pub d: [f64; MOST],
     /// Values of the field, and gradients by the owner's reference coordinates.
@@ -39,6 +41,7 @@ impl Default for Rule {
         Self {
             placed: Vec::new(),
             owned: 0,
+            single: 0,
             d: [0.0; MOST],
             slopes: [[0.0; 4]; MOST],
             depth: [0.0; MOST],
@@ -61,13 +64,15 @@ impl Rule {
         if self.placed.len() < count {
             self.placed.resize_with(count, Placed::default);
         }
-        let mut open = bundle.real;
+        let (mut open, mut again) = (bundle.real, 0);
         for (placed, patch) in self.placed.iter_mut().zip(patches) {
             patch.place(bundle, delta, placed);
+            again |= placed.owns & !open;
             placed.owns &= open;
             open &= !placed.owns;
         }
         self.owned = bundle.real & !open;
+        self.single = self.owned & !again;
     }
 
     /// How far from the nearest of so many elements a point is at least.

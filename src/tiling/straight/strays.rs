@@ -74,6 +74,7 @@ impl<F: Filling> TiledSolid<'_, F> {
             }
             let near = (scene.near, &*room.places);
             self.rule_q(near, &room.bundle, scene.wanted, &mut room.samples);
+            room.looked += u64::from(room.samples.owned.count_ones());
             for n in bits(room.bundle.real) {
                 let (number, outside) = asked[n];
                 let stray = &strays[number];
@@ -84,7 +85,6 @@ impl<F: Filling> TiledSolid<'_, F> {
                 };
             }
         }
-        room.looked += strays.len() as u64;
         room.strays = strays;
         room.strays.clear();
     }

@@ -53,6 +53,7 @@ fn tables_displace_the_surface_by_no_more_than_was_asked() {
         sheet.with_solid(Solid::Sheet, 0.8).unwrap(),
         Surface::SchwarzP.cell(Element::Tet).unwrap(),
     ];
+    let mut large = 0;
     for cell in cells {
         let points = surface(&cell, 500);
         let whole = Table::new(&cell).unwrap();
@@ -78,8 +79,10 @@ fn tables_displace_the_surface_by_no_more_than_was_asked() {
         assert!(bytes.is_sorted() && bytes[0] <= whole.bytes(), "{bytes:?}");
         if cell.form().exponentials() > 1000 {
             assert!(4 * bytes[1] <= whole.bytes(), "{bytes:?}");
+            large += 1;
         }
     }
+    assert!(large > 0);
 }
 
 #[test]
