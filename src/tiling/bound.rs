@@ -9,8 +9,9 @@ use crate::frame::Aabb;
 /// Room for the rounding of single precision, relative.
 const SLACK: f64 = 1e-6;
 
-/// With more near elements than this the field is not looked at where regions have their centres.
-const CROWD: usize = 256;
+/// With more near elements than this, to look at the field where regions have their centres takes longer
+/// than to bound it.
+const WORTH: usize = 256;
 
 impl<F: Filling> TiledSolid<'_, F> {
     /// Bound over all components.
@@ -119,7 +120,7 @@ impl<F: Filling> TiledSolid<'_, F> {
     /// The field at the centres of regions among few straight elements, where it is continuous around.
     fn at_centres<const N: usize>(&self, near: &Near, regions: &[Aabb; N]) -> [Option<f64>; N] {
         if self.options.distance == Distance::Exact
-            || near.patches.len() > CROWD
+            || near.patches.len() > WORTH
             || !self.are_straight(near)
         {
             return [None; N];

@@ -99,10 +99,11 @@ impl<F: Filling> TiledSolid<'_, F> {
             _ => boundary.closest_within(centre, radius + sight),
         };
         let away = closest.map_or(f64::INFINITY, |c| c.distance);
-        // What is not on the shore is out of sight.
-        let least = match shore {
-            Some(_) if self.is_cut() || inside => (away - radius).min(sight),
-            _ => (away - radius).min(if closest.is_some() { away } else { sight }),
+        let least = if self.is_cut() || inside {
+            // What is not on the shore is out of sight.
+            (away - radius).min(sight)
+        } else {
+            away - radius
         };
         if inside {
             Interval::new(-away - radius, -least)

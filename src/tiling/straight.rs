@@ -245,18 +245,12 @@ impl<F: Filling> TiledSolid<'_, F> {
                     out[scene.index(block, n)] = ended as f32;
                 }
             }
-            let mut group = [0; MOST / VOLUME];
-            let mut count = 0;
-            for n in bits(open) {
-                group[count] = n;
-                count += 1;
-                if count == group.len() {
-                    self.fill_group(scene, (blocks, &group), room, out);
-                    count = 0;
-                }
+            let mut numbers = [0; MOST];
+            for (to, n) in numbers.iter_mut().zip(bits(open)) {
+                *to = n;
             }
-            if count > 0 {
-                self.fill_group(scene, (blocks, &group[..count]), room, out);
+            for group in numbers[..open.count_ones() as usize].chunks(MOST / VOLUME) {
+                self.fill_group(scene, (blocks, group), room, out);
             }
         }
         room.blocks = all;
