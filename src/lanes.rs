@@ -1,9 +1,9 @@
 //! Eight single-precision numbers at a time, or four of double precision, on whatever processor there is.
 //!
-//! A [`Work`] is written once, over [`Lanes`], and compiled twice: for processors with AVX2 and fused
-//! multiplications, which are recognised when the program runs, and for any processor of its kind. The
-//! second way gives the same bits everywhere: products and sums are rounded one by one, and nothing
-//! calls the mathematics library. The two ways differ by rounding.
+//! A [`Work`] is written once, over [`Lanes`], and compiled three times: for processors with AVX-512, for
+//! those with AVX2 and fused multiplications, both recognised when the program runs, and for any
+//! processor of its kind. The first two give the same bits. The third gives its own, everywhere the same:
+//! products and sums are rounded one by one, and nothing calls the mathematics library.
 // Small functions of hot paths, which must be compiled for the processor that their caller is for.
 #![allow(clippy::inline_always)]
 
@@ -11,15 +11,17 @@
 mod fast;
 mod number;
 mod plain;
-pub use number::{Four, Number};
+mod twice;
+pub use number::{Eight, Four, Number};
 pub use plain::Plain;
+pub use twice::{Rows, Twice};
 
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicU8, Ordering};
 
 #[cfg(target_arch = "x86_64")]
 use {
-    fast::Wide,
-    pulp::{NullaryFnOnce, x86::V3},
+    fast::{Single, Wide, Width},
+    pulp::{NullaryFnOnce, x86::V3, x86::V4},
     std::sync::OnceLock,
 };
 
@@ -29,6 +31,10 @@ pub trait Lanes: Copy {
     type F: Copy;
     /// Four doubles.
     type D: Copy;
+    /// Two rows at a time.
+    type Two: Twice<Row = Self::F, Four = Self::D>;
+    /// Two rows at a time.
+    fn two(self) -> Self::Two;
     /// The same number eight times.
     fn splat(self, v: f32) -> Self::F;
     /// Eight numbers from memory.
@@ -59,6 +65,16 @@ pub trait Lanes: Copy {
     fn select_below(self, a: Self::F, b: Self::F, x: Self::F, y: Self::F) -> Self::F;
     /// The sum of each of four rows.
     fn sums(self, rows: [Self::F; 4]) -> [f32; 4];
+    /// What four rows hold at each of their eight places.
+    fn by_place(self, rows: [Self::F; 4]) -> [[f32; 4]; 8];
+    /// Four rows, from what they hold at each of their eight places.
+    fn by_row(self, places: &[[f32; 4]; 8]) -> [Self::F; 4];
+    /// The first, the second, the first and so on.
+    fn alternating(self, v: [f32; 2]) -> Self::F;
+    /// Each of four numbers twice, one after the other.
+    fn doubled(self, v: [f32; 4]) -> Self::F;
+    /// Products of four numbers.
+    fn products(self, a: [f32; 4], b: [f32; 4]) -> [f32; 4];
 
     /// Eight numbers from two rows of four.
     fn both(self, low: [f32; 4], high: [f32; 4]) -> Self::F;
@@ -85,7 +101,7 @@ pub trait Lanes: Copy {
     /// One bit per number: whether a < b.
     fn below_four(self, a: Self::D, b: Self::D) -> u8;
     /// Doubles from singles.
-    fn wide_four(self, v: [f32; 4]) -> Self::D;
+    fn wide(self, v: Self::F) -> [Self::D; 2];
     /// The lesser.
     fn min_four(self, a: Self::D, b: Self::D) -> Self::D;
     /// The greater.
@@ -102,6 +118,9 @@ pub trait Lanes: Copy {
     fn integers(self, v: Self::D) -> [i32; 4];
 }
 
+/// Sixteen numbers on some lanes.
+pub type Pair<L> = <<L as Lanes>::Two as Twice>::Pair;
+
 /// Something to be done on eight numbers at a time.
 pub trait Work {
     /// What it gives.
@@ -110,56 +129,217 @@ pub trait Work {
     fn run<L: Lanes>(self, lanes: L) -> Self::Output;
 }
 
-static PORTABLE: AtomicBool = AtomicBool::new(false);
-
-/// From now on does all work the way that any processor can, whose results are the same bits on all of
-/// them; for programs, not for libraries, since it holds for the whole process.
-pub fn use_portable_code() {
-    PORTABLE.store(true, Ordering::Relaxed);
+/// What work may ask of the processor.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Code {
+    /// What any processor of its kind can, whose results are the same bits on all of them.
+    Portable,
+    /// At most AVX2 and fused multiplications.
+    Avx2,
+    /// All that it has.
+    Best,
 }
 
-/// Whether [`use_portable_code`] was called.
+static CODE: AtomicU8 = AtomicU8::new(Code::Best as u8);
+
+/// From now on does all work in this way; for programs, not for libraries, since it holds for the whole
+/// process.
+pub fn use_code(code: Code) {
+    CODE.store(code as u8, Ordering::Relaxed);
+}
+
+/// The way in which work is done.
+pub fn code() -> Code {
+    let all = [Code::Portable, Code::Avx2];
+    let chosen = CODE.load(Ordering::Relaxed);
+    let code = all.into_iter().find(|&c| c as u8 == chosen);
+    code.unwrap_or(Code::Best)
+}
+
+/// Whether work is done in the way of any processor.
 pub fn is_portable() -> bool {
-    PORTABLE.load(Ordering::Relaxed)
+    code() == Code::Portable
 }
 
 #[cfg(target_arch = "x86_64")]
-struct OnWide<W>(W, V3);
+struct OnWide<W, T>(W, V3, T);
 
 #[cfg(target_arch = "x86_64")]
-impl<W: Work> NullaryFnOnce for OnWide<W> {
+impl<W: Work, T: Width> NullaryFnOnce for OnWide<W, T> {
     type Output = W::Output;
     #[inline(always)]
     fn call(self) -> W::Output {
-        self.0.run(Wide(self.1))
+        self.0.run(Wide(self.1, self.2))
     }
 }
 
-/// The processor's AVX2 and fused multiplications, if it has them.
+/// What a processor has beyond what all of them do.
 #[cfg(target_arch = "x86_64")]
-#[inline]
-fn fast() -> Option<V3> {
-    static FOUND: OnceLock<Option<V3>> = OnceLock::new();
-    *FOUND.get_or_init(V3::try_new)
+#[derive(Clone, Copy)]
+enum Level {
+    /// AVX2 and fused multiplications.
+    Fast(V3),
+    /// AVX-512 too.
+    Fastest(V4),
 }
 
-/// Does a work the fastest way that the processor knows.
+#[cfg(target_arch = "x86_64")]
+#[inline]
+fn level() -> Option<Level> {
+    static FOUND: OnceLock<Option<Level>> = OnceLock::new();
+    *FOUND.get_or_init(|| match V4::try_new() {
+        Some(v4) => Some(Level::Fastest(v4)),
+        None => V3::try_new().map(Level::Fast),
+    })
+}
+
+/// Does a work the fastest way that the processor knows, and the program allows.
 #[inline]
 pub fn run<W: Work>(work: W) -> W::Output {
+    run_by(code(), work)
+}
+
+/// The same, of one's own choice.
+#[inline]
+pub fn run_by<W: Work>(code: Code, work: W) -> W::Output {
     #[cfg(target_arch = "x86_64")]
-    if let (Some(v3), false) = (fast(), is_portable()) {
-        return v3.vectorize(OnWide(work, v3));
+    match (level(), code) {
+        (Some(Level::Fastest(v4)), Code::Best) => return v4.vectorize(OnWide(work, *v4, v4)),
+        (Some(Level::Fastest(v4)), Code::Avx2) => return v4.vectorize(OnWide(work, *v4, Single)),
+        (Some(Level::Fast(v3)), Code::Best | Code::Avx2) => {
+            return v3.vectorize(OnWide(work, v3, Single));
+        }
+        _ => {}
     }
     work.run(Plain)
 }
 
-/// Runs ordinary arithmetic, all of it inlined into `work`, on the widest registers that the processor
-/// has. Nothing is fused, so that the results are the same bits everywhere.
+/// Runs ordinary arithmetic, all of it inlined into `work`, on wide registers where the processor has
+/// them. Nothing is fused, so that the results are the same bits everywhere.
 #[inline]
 pub fn widely(work: impl FnOnce()) {
     #[cfg(target_arch = "x86_64")]
-    if let Some(v3) = fast() {
-        return v3.vectorize(work);
+    match level() {
+        Some(Level::Fastest(v4)) => return v4.vectorize(work),
+        Some(Level::Fast(v3)) => return v3.vectorize(work),
+        None => {}
     }
     work();
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// Everything that is done on two rows at a time, each result with all its bits.
+    struct Everything<'a>([&'a [[f32; 8]; 2]; 3], [&'a [f64; 8]; 3]);
+
+    impl Work for Everything<'_> {
+        type Output = (Vec<[[f32; 8]; 2]>, Vec<[f64; 8]>, Vec<u64>);
+        #[inline(always)]
+        fn run<L: Lanes>(self, l: L) -> Self::Output {
+            let two = l.two();
+            let Self([a, b, c], [x, y, z]) = self;
+            let (a, b, c) = (two.load(a), two.load(b), two.load(c));
+            let rows = two.rows(a);
+            let all = [
+                a,
+                two.pair([rows[1], rows[0]]),
+                two.each([0.5, -3.0]),
+                two.mul(a, b),
+                two.fused(a, b, c),
+                two.min(a, b),
+                two.max(a, b),
+                two.magnitude(a),
+                two.select_below(a, b, c, a),
+            ];
+            let mut singles = Vec::new();
+            for pair in all {
+                let mut to = [[0.0; 8]; 2];
+                two.store(pair, &mut to);
+                singles.push(to);
+            }
+            let (x, y, z) = (two.doubles_of(x), two.doubles_of(y), two.doubles_of(z));
+            let four = [l.four([1.0, -2.0, 3.0, 4.5]), l.all_four(7.0)];
+            let all = [
+                x,
+                two.eight(four),
+                two.all_eight(-0.25),
+                two.wide_eight(rows[0]),
+                two.add_eight(x, y),
+                two.sub_eight(x, y),
+                two.mul_eight(x, y),
+                two.div_eight(x, y),
+                two.fused_eight(x, y, z),
+                two.sqrt_eight(two.mul_eight(x, x)),
+                two.min_eight(x, y),
+                two.max_eight(x, y),
+                two.select_below_eight(x, y, z, x),
+                two.floor_eight(x),
+                two.sign_eight(x),
+            ];
+            let mut doubles = Vec::new();
+            for eight in all {
+                doubles.push(two.doubles(eight));
+            }
+            let mut to = [[0.0; 8]; 2];
+            l.store(two.singles_eight(x), &mut to[0]);
+            singles.push(to);
+            let mut bits = vec![u64::from(two.below(a, b)), u64::from(two.below_eight(x, y))];
+            for n in two.integers_eight(two.floor_eight(x)) {
+                bits.push(n as u64);
+            }
+            (singles, doubles, bits)
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn two_rows_at_a_time_are_two_rows_to_the_last_bit(
+            singles in prop::array::uniform3(prop::array::uniform2(prop::array::uniform8(-9f32..9.0))),
+            doubles in prop::array::uniform3(prop::array::uniform8(-1e6f64..1e6)),
+        ) {
+            let [a, b, c] = &singles;
+            let [x, y, z] = &doubles;
+            let by = |code| run_by(code, Everything([a, b, c], [x, y, z]));
+            let (best, rows) = (by(Code::Best), by(Code::Avx2));
+            // Fused or not, sums of products are all that the portable way may differ in.
+            let plain = by(Code::Portable);
+            prop_assert_eq!(&best, &rows);
+            prop_assert_eq!(&best.2, &plain.2);
+            prop_assert_eq!(best.0[..4].to_vec(), plain.0[..4].to_vec());
+            let near = |a: f64, b: f64| (a - b).abs() <= 1e-9 * (1.0 + a.abs());
+            for (a, b) in best.1.as_flattened().iter().zip(plain.1.as_flattened()) {
+                prop_assert!(near(*a, *b), "{a} {b}");
+            }
+            prop_assert_eq!(best.0[0][0].map(f64::from), plain.1[3]);
+        }
+
+        #[test]
+        fn places_and_rows_are_each_others_turn(places in prop::array::uniform8(prop::array::uniform4(-9f32..9.0))) {
+            struct Turn<'a>(&'a [[f32; 4]; 8]);
+            impl Work for Turn<'_> {
+                type Output = ([[f32; 4]; 8], [[f32; 8]; 4]);
+                #[inline(always)]
+                fn run<L: Lanes>(self, l: L) -> Self::Output {
+                    let rows = l.by_row(self.0);
+                    let mut stored = [[0.0; 8]; 4];
+                    for (row, to) in rows.iter().zip(&mut stored) {
+                        l.store(*row, to);
+                    }
+                    (l.by_place(rows), stored)
+                }
+            }
+            for code in [Code::Portable, Code::Avx2, Code::Best] {
+                let (back, rows) = run_by(code, Turn(&places));
+                prop_assert_eq!(back, places);
+                for (n, place) in places.iter().enumerate() {
+                    for (r, v) in place.iter().enumerate() {
+                        prop_assert_eq!(rows[r][n], *v);
+                    }
+                }
+            }
+        }
+    }
 }

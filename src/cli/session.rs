@@ -81,7 +81,7 @@ pub(super) struct Session {
 impl Session {
     pub(super) fn new(manners: Manners) -> Self {
         if manners.portable {
-            crate::lanes::use_portable_code();
+            crate::lanes::use_code(crate::lanes::Code::Portable);
         }
         let terminal = std::io::stderr().is_terminal();
         let style = match manners.progress {

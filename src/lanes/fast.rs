@@ -1,15 +1,48 @@
-//! The lanes of processors with AVX2 and fused multiplications.
+//! The lanes of processors with AVX2 and fused multiplications; two rows at a time where they have AVX-512.
 // Each function is one instruction, or a few.
 #![allow(clippy::inline_always)]
 
-use super::Lanes;
-use pulp::{Simd, cast, f32x8, f64x4, i32x4, x86::V3};
+use super::{Lanes, Rows, Twice};
+use pulp::{Simd, b16, cast, f32x8, f32x16, f64x4, f64x8, i32x4, x86::V3, x86::V4};
 
-/// Processors with AVX2 and fused multiplications.
+/// Processors with AVX2 and fused multiplications, and what they do two rows at a time with.
 #[derive(Clone, Copy)]
-pub struct Wide(pub(super) V3);
+pub struct Wide<T>(pub(super) V3, pub(super) T);
 
-impl Lanes for Wide {
+/// How two rows are reckoned with at a time.
+pub trait Width: Copy {
+    /// Its arithmetic.
+    type Two: Twice<Row = f32x8, Four = f64x4>;
+    /// On a processor.
+    fn two(self, v3: V3) -> Self::Two;
+}
+
+/// One after the other.
+#[derive(Clone, Copy)]
+pub struct Single;
+
+impl Width for Single {
+    type Two = Rows<Wide<Self>>;
+    #[inline(always)]
+    fn two(self, v3: V3) -> Self::Two {
+        Rows(Wide(v3, self))
+    }
+}
+
+impl Width for V4 {
+    type Two = Self;
+    #[inline(always)]
+    fn two(self, _: V3) -> Self {
+        self
+    }
+}
+
+impl<T: Width> Lanes for Wide<T> {
+    type Two = T::Two;
+    #[inline(always)]
+    fn two(self) -> T::Two {
+        self.1.two(self.0)
+    }
     type F = f32x8;
     type D = f64x4;
     #[inline(always)]
@@ -85,6 +118,63 @@ impl Lanes for Wide {
         cast(self.0.sse._mm_add_ps(low, high))
     }
     #[inline(always)]
+    fn by_place(self, rows: [f32x8; 4]) -> [[f32; 4]; 8] {
+        let [a, b, c, d] = [cast(rows[0]), cast(rows[1]), cast(rows[2]), cast(rows[3])];
+        let avx = self.0.avx;
+        // Places 0 1 and 4 5 of two rows each, and 2 3 and 6 7.
+        let (ab, cd) = (avx._mm256_unpacklo_ps(a, b), avx._mm256_unpacklo_ps(c, d));
+        let (above, beyond) = (avx._mm256_unpackhi_ps(a, b), avx._mm256_unpackhi_ps(c, d));
+        let (ab, cd) = (avx._mm256_castps_pd(ab), avx._mm256_castps_pd(cd));
+        let (above, beyond) = (avx._mm256_castps_pd(above), avx._mm256_castps_pd(beyond));
+        let turned = [
+            avx._mm256_unpacklo_pd(ab, cd),
+            avx._mm256_unpackhi_pd(ab, cd),
+            avx._mm256_unpacklo_pd(above, beyond),
+            avx._mm256_unpackhi_pd(above, beyond),
+        ];
+        let mut all = [[0.0; 4]; 8];
+        for n in 0..4 {
+            all[n] = cast(avx._mm256_castpd256_pd128(turned[n]));
+            all[n + 4] = cast(avx._mm256_extractf128_pd::<1>(turned[n]));
+        }
+        all
+    }
+    #[inline(always)]
+    fn by_row(self, places: &[[f32; 4]; 8]) -> [f32x8; 4] {
+        let avx = self.0.avx;
+        // Places n and n + 4, then those of one row together.
+        let [a, b, c, d] = [
+            cast(self.both(places[0], places[4])),
+            cast(self.both(places[1], places[5])),
+            cast(self.both(places[2], places[6])),
+            cast(self.both(places[3], places[7])),
+        ];
+        let (ab, cd) = (avx._mm256_unpacklo_ps(a, b), avx._mm256_unpacklo_ps(c, d));
+        let (above, beyond) = (avx._mm256_unpackhi_ps(a, b), avx._mm256_unpackhi_ps(c, d));
+        let (ab, cd) = (avx._mm256_castps_pd(ab), avx._mm256_castps_pd(cd));
+        let (above, beyond) = (avx._mm256_castps_pd(above), avx._mm256_castps_pd(beyond));
+        [
+            cast(avx._mm256_unpacklo_pd(ab, cd)),
+            cast(avx._mm256_unpackhi_pd(ab, cd)),
+            cast(avx._mm256_unpacklo_pd(above, beyond)),
+            cast(avx._mm256_unpackhi_pd(above, beyond)),
+        ]
+    }
+    #[inline(always)]
+    fn alternating(self, v: [f32; 2]) -> f32x8 {
+        cast(self.0.splat_f64x4(cast(v)))
+    }
+    #[inline(always)]
+    fn doubled(self, v: [f32; 4]) -> f32x8 {
+        let low = self.0.avx._mm256_castps128_ps256(cast(v));
+        let places = cast([0, 0, 1, 1, 2, 2, 3, 3]);
+        cast(self.0.avx2._mm256_permutevar8x32_ps(low, places))
+    }
+    #[inline(always)]
+    fn products(self, a: [f32; 4], b: [f32; 4]) -> [f32; 4] {
+        cast(self.0.sse._mm_mul_ps(cast(a), cast(b)))
+    }
+    #[inline(always)]
     fn both(self, low: [f32; 4], high: [f32; 4]) -> f32x8 {
         let low = self.0.avx._mm256_castps128_ps256(cast(low));
         cast(self.0.avx._mm256_insertf128_ps::<1>(low, cast(high)))
@@ -141,8 +231,14 @@ impl Lanes for Wide {
         self.0.avx._mm256_movemask_pd(cast(mask)) as u8
     }
     #[inline(always)]
-    fn wide_four(self, v: [f32; 4]) -> f64x4 {
-        cast(self.0.avx._mm256_cvtps_pd(cast(v)))
+    fn wide(self, v: f32x8) -> [f64x4; 2] {
+        let avx = self.0.avx;
+        let low = avx._mm256_castps256_ps128(cast(v));
+        let high = avx._mm256_extractf128_ps::<1>(cast(v));
+        [
+            cast(avx._mm256_cvtps_pd(low)),
+            cast(avx._mm256_cvtps_pd(high)),
+        ]
     }
     #[inline(always)]
     fn min_four(self, a: f64x4, b: f64x4) -> f64x4 {
@@ -173,5 +269,145 @@ impl Lanes for Wide {
     fn integers(self, v: f64x4) -> [i32; 4] {
         let v: i32x4 = self.0.convert_f64x4_to_i32x4(v);
         cast(v)
+    }
+}
+
+impl Twice for V4 {
+    type Row = f32x8;
+    type Four = f64x4;
+    type Pair = f32x16;
+    type Eight = f64x8;
+    #[inline(always)]
+    fn pair(self, [low, high]: [f32x8; 2]) -> f32x16 {
+        let low = self.avx512f._mm512_castps256_ps512(cast(low));
+        cast(self.avx512dq._mm512_insertf32x8::<1>(low, cast(high)))
+    }
+    #[inline(always)]
+    fn rows(self, pair: f32x16) -> [f32x8; 2] {
+        let low = self.avx512f._mm512_castps512_ps256(cast(pair));
+        let high = self.avx512dq._mm512_extractf32x8_ps::<1>(cast(pair));
+        [cast(low), cast(high)]
+    }
+    #[inline(always)]
+    fn load(self, v: &[[f32; 8]; 2]) -> f32x16 {
+        cast(*v)
+    }
+    #[inline(always)]
+    fn store(self, v: f32x16, to: &mut [[f32; 8]; 2]) {
+        *to = cast(v);
+    }
+    #[inline(always)]
+    fn each(self, [low, high]: [f32; 2]) -> f32x16 {
+        let [low, high] = [self.splat_f32s(low), self.splat_f32s(high)];
+        self.select_f32s(b16(0x00ff), low, high)
+    }
+    #[inline(always)]
+    fn mul(self, a: f32x16, b: f32x16) -> f32x16 {
+        self.mul_f32s(a, b)
+    }
+    #[inline(always)]
+    fn fused(self, a: f32x16, b: f32x16, c: f32x16) -> f32x16 {
+        self.mul_add_f32s(a, b, c)
+    }
+    #[inline(always)]
+    fn min(self, a: f32x16, b: f32x16) -> f32x16 {
+        self.min_f32s(a, b)
+    }
+    #[inline(always)]
+    fn max(self, a: f32x16, b: f32x16) -> f32x16 {
+        self.max_f32s(a, b)
+    }
+    #[inline(always)]
+    fn magnitude(self, a: f32x16) -> f32x16 {
+        cast(self.avx512f._mm512_abs_ps(cast(a)))
+    }
+    #[inline(always)]
+    fn below(self, a: f32x16, b: f32x16) -> u16 {
+        self.less_than_f32s(a, b).0
+    }
+    #[inline(always)]
+    fn select_below(self, a: f32x16, b: f32x16, x: f32x16, y: f32x16) -> f32x16 {
+        self.select_f32s(self.less_than_f32s(a, b), x, y)
+    }
+    #[inline(always)]
+    fn doubles_of(self, v: &[f64; 8]) -> f64x8 {
+        cast(*v)
+    }
+    #[inline(always)]
+    fn doubles(self, v: f64x8) -> [f64; 8] {
+        cast(v)
+    }
+    #[inline(always)]
+    fn wide_eight(self, v: f32x8) -> f64x8 {
+        cast(self.avx512f._mm512_cvtps_pd(cast(v)))
+    }
+    #[inline(always)]
+    fn eight(self, [low, high]: [f64x4; 2]) -> f64x8 {
+        let low = self.avx512f._mm512_castpd256_pd512(cast(low));
+        cast(self.avx512f._mm512_insertf64x4::<1>(low, cast(high)))
+    }
+    #[inline(always)]
+    fn all_eight(self, v: f64) -> f64x8 {
+        self.splat_f64s(v)
+    }
+    #[inline(always)]
+    fn add_eight(self, a: f64x8, b: f64x8) -> f64x8 {
+        self.add_f64s(a, b)
+    }
+    #[inline(always)]
+    fn sub_eight(self, a: f64x8, b: f64x8) -> f64x8 {
+        self.sub_f64s(a, b)
+    }
+    #[inline(always)]
+    fn mul_eight(self, a: f64x8, b: f64x8) -> f64x8 {
+        self.mul_f64s(a, b)
+    }
+    #[inline(always)]
+    fn div_eight(self, a: f64x8, b: f64x8) -> f64x8 {
+        self.div_f64s(a, b)
+    }
+    #[inline(always)]
+    fn fused_eight(self, a: f64x8, b: f64x8, c: f64x8) -> f64x8 {
+        self.mul_add_f64s(a, b, c)
+    }
+    #[inline(always)]
+    fn sqrt_eight(self, a: f64x8) -> f64x8 {
+        self.sqrt_f64s(a)
+    }
+    #[inline(always)]
+    fn below_eight(self, a: f64x8, b: f64x8) -> u8 {
+        self.less_than_f64s(a, b).0
+    }
+    #[inline(always)]
+    fn select_below_eight(self, a: f64x8, b: f64x8, x: f64x8, y: f64x8) -> f64x8 {
+        self.select_f64s(self.less_than_f64s(a, b), x, y)
+    }
+    #[inline(always)]
+    fn min_eight(self, a: f64x8, b: f64x8) -> f64x8 {
+        self.min_f64s(a, b)
+    }
+    #[inline(always)]
+    fn max_eight(self, a: f64x8, b: f64x8) -> f64x8 {
+        self.max_f64s(a, b)
+    }
+    #[inline(always)]
+    fn floor_eight(self, v: f64x8) -> f64x8 {
+        // Downwards, without a flag.
+        cast(self.avx512f._mm512_roundscale_pd::<0x09>(cast(v)))
+    }
+    #[inline(always)]
+    fn sign_eight(self, v: f64x8) -> f64x8 {
+        let sign = self
+            .avx512dq
+            ._mm512_and_pd(cast(v), cast(self.splat_f64s(-0.0)));
+        cast(self.avx512dq._mm512_or_pd(sign, cast(self.splat_f64s(1.0))))
+    }
+    #[inline(always)]
+    fn singles_eight(self, v: f64x8) -> f32x8 {
+        cast(self.avx512f._mm512_cvtpd_ps(cast(v)))
+    }
+    #[inline(always)]
+    fn integers_eight(self, v: f64x8) -> [i32; 8] {
+        cast(self.avx512f._mm512_cvttpd_epi32(cast(v)))
     }
 }

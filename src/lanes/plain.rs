@@ -3,7 +3,7 @@
 // Each function is a few instructions.
 #![allow(clippy::inline_always)]
 
-use super::Lanes;
+use super::{Lanes, Rows};
 use wide::f32x8;
 
 /// Any processor.
@@ -11,6 +11,11 @@ use wide::f32x8;
 pub struct Plain;
 
 impl Lanes for Plain {
+    type Two = Rows<Self>;
+    #[inline(always)]
+    fn two(self) -> Rows<Self> {
+        Rows(self)
+    }
     type F = f32x8;
     type D = [f64; 4];
     #[inline(always)]
@@ -77,6 +82,27 @@ impl Lanes for Plain {
         })
     }
     #[inline(always)]
+    fn by_place(self, rows: [f32x8; 4]) -> [[f32; 4]; 8] {
+        let [a, b, c, d] = rows.map(f32x8::to_array);
+        std::array::from_fn(|n| [a[n], b[n], c[n], d[n]])
+    }
+    #[inline(always)]
+    fn by_row(self, places: &[[f32; 4]; 8]) -> [f32x8; 4] {
+        std::array::from_fn(|r| f32x8::new(std::array::from_fn(|n| places[n][r])))
+    }
+    #[inline(always)]
+    fn alternating(self, [a, b]: [f32; 2]) -> f32x8 {
+        f32x8::new([a, b, a, b, a, b, a, b])
+    }
+    #[inline(always)]
+    fn doubled(self, [a, b, c, d]: [f32; 4]) -> f32x8 {
+        f32x8::new([a, a, b, b, c, c, d, d])
+    }
+    #[inline(always)]
+    fn products(self, a: [f32; 4], b: [f32; 4]) -> [f32; 4] {
+        std::array::from_fn(|n| a[n] * b[n])
+    }
+    #[inline(always)]
     fn both(self, low: [f32; 4], high: [f32; 4]) -> f32x8 {
         let ([a, b, c, d], [e, f, g, h]) = (low, high);
         f32x8::new([a, b, c, d, e, f, g, h])
@@ -131,8 +157,9 @@ impl Lanes for Plain {
         bit(0) | bit(1) | bit(2) | bit(3)
     }
     #[inline(always)]
-    fn wide_four(self, v: [f32; 4]) -> [f64; 4] {
-        v.map(f64::from)
+    fn wide(self, v: f32x8) -> [[f64; 4]; 2] {
+        let [a, b, c, d, e, f, g, h] = v.to_array().map(f64::from);
+        [[a, b, c, d], [e, f, g, h]]
     }
     #[inline(always)]
     fn min_four(self, a: [f64; 4], b: [f64; 4]) -> [f64; 4] {

@@ -6,7 +6,7 @@
 
 use super::{FUNCTIONS, HARMONICS, MASK, Products, derivative, order};
 use crate::cell::Solid;
-use crate::lanes::Lanes;
+use crate::lanes::{Lanes, Pair, Twice};
 
 /// The values of the functions along one axis, at eight places.
 pub type Along<F> = [F; FUNCTIONS];
@@ -195,18 +195,23 @@ impl Products {
         z: &Along<[f32; 8]>,
         out: &mut [[f32; 8]; 64],
     ) {
-        let mut along_z = [l.splat(0.0); N];
+        let two = l.two();
+        let zero = two.each([0.0; 2]);
+        let mut along_z = [zero; N];
         for (to, of) in along_z.iter_mut().zip(&self.along_z) {
-            *to = l.load(&z[of.function & MASK]);
+            let row = l.load(&z[of.function & MASK]);
+            *to = two.pair([row, row]);
         }
         for (i, slab) in out.as_chunks_mut::<8>().0.iter_mut().enumerate() {
             let factors = &column.0[i & 7];
-            for (j, row) in slab.iter_mut().enumerate() {
-                let mut sum = l.splat(0.0);
+            for (j, rows) in slab.as_chunks_mut().0.iter_mut().enumerate() {
+                let j = (2 * j) & 7;
+                let mut sum = zero;
                 for n in 0..N {
-                    sum = l.fused(l.splat(factors[n][j & 7]), along_z[n], sum);
+                    let factor = two.each([factors[n][j], factors[n][j + 1]]);
+                    sum = two.fused(factor, along_z[n], sum);
                 }
-                l.store(self.solid_of(l, sum), row);
+                two.store(self.solids_of(l, sum), rows);
             }
         }
     }
@@ -361,6 +366,19 @@ impl Products {
             );
         }
         self.solid_of(l, sum)
+    }
+
+    /// The same of two rows.
+    #[inline(always)]
+    fn solids_of<L: Lanes>(&self, l: L, sums: Pair<L>) -> Pair<L> {
+        match self.solid {
+            Solid::Below | Solid::Above => sums,
+            Solid::Sheet | Solid::Channels => {
+                let [low, high] = l.two().rows(sums);
+                l.two()
+                    .pair([self.solid_of(l, low), self.solid_of(l, high)])
+            }
+        }
     }
 
     /// The solid's field from the sum.

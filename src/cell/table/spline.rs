@@ -17,9 +17,9 @@
 mod place;
 
 use super::grid::{Fold, Grid};
-use super::weights::{CUBIC, SLOPES, Y, Y_SLOPES, Z, Z_SLOPES, cubic, square};
+use super::weights::{CUBIC, SLOPES, weights};
 use crate::frame::CellPoint;
-use crate::lanes::{self, Lanes, Plain, Work};
+use crate::lanes::{self, Lanes, Plain, Twice, Work};
 use place::Places;
 pub(super) use place::four;
 
@@ -64,6 +64,52 @@ pub(super) struct Spline {
     /// Where the last coefficients of the first plane start.
     last: f64,
     is_portable: bool,
+}
+
+/// Weights of the coefficients around the points of a group, or their derivatives.
+struct Weights {
+    /// By plane and point.
+    x: [[f32; GROUP]; 4],
+    /// By point.
+    y: [[f32; 4]; GROUP],
+    z: [[f32; 4]; GROUP],
+}
+
+impl Weights {
+    /// From their coefficients by powers of the place in the spline cell.
+    #[inline(always)]
+    fn new<L: Lanes, const N: usize>(lanes: L, places: &Places, powers: &[[f32; 4]; N]) -> Self {
+        let [x, y, z] = &places.within;
+        let mut by_plane = [[0.0; GROUP]; 4];
+        let along_x = weights(lanes, x, powers);
+        for (to, from) in by_plane.iter_mut().zip(along_x) {
+            lanes.store(from, to);
+        }
+        Self {
+            x: by_plane,
+            y: lanes.by_place(weights(lanes, y, powers)),
+            z: lanes.by_place(weights(lanes, z, powers)),
+        }
+    }
+
+    /// Of the four planes.
+    #[inline(always)]
+    fn x(&self, n: usize) -> [f32; 4] {
+        [self.x[0][n], self.x[1][n], self.x[2][n], self.x[3][n]]
+    }
+
+    /// Of the neighbours along y in the halves of a plane.
+    #[inline(always)]
+    fn y<L: Lanes>(&self, lanes: L, n: usize) -> [L::F; 2] {
+        let [a, b, c, d] = self.y[n];
+        [lanes.alternating([a, b]), lanes.alternating([c, d])]
+    }
+
+    /// Of the pairs along z.
+    #[inline(always)]
+    fn z<L: Lanes>(&self, lanes: L, n: usize) -> L::F {
+        lanes.doubled(self.z[n])
+    }
 }
 
 struct Values<'a>(&'a Spline, &'a [CellPoint<3>], &'a mut [f32]);
@@ -175,47 +221,31 @@ impl Spline {
         [a, b]
     }
 
-    /// Weights along x of a group, by plane.
+    /// The same with two sets of weights: each plane is loaded once.
     #[inline(always)]
-    fn weights_x<L: Lanes>(lanes: L, within: [f32; GROUP]) -> [[f32; GROUP]; 4] {
-        let t = lanes.load(&within);
-        let mut weights = [[0.0; GROUP]; 4];
-        for (i, w) in weights.iter_mut().enumerate() {
-            let c = [
-                [CUBIC[0][i]; 8],
-                [CUBIC[1][i]; 8],
-                [CUBIC[2][i]; 8],
-                [CUBIC[3][i]; 8],
-            ];
-            lanes.store(cubic(lanes, t, &c), w);
+    fn both_along_x<L: Lanes>(&self, lanes: L, at: usize, w: [[f32; 4]; 2]) -> [[L::F; 2]; 2] {
+        let two = lanes.two();
+        let first = two.pair(self.patch(lanes, at, 0));
+        let mut sums = [
+            two.mul(first, two.each([w[0][0]; 2])),
+            two.mul(first, two.each([w[1][0]; 2])),
+        ];
+        for i in 1..4 {
+            let plane = two.pair(self.patch(lanes, at, i));
+            sums[0] = two.fused(plane, two.each([w[0][i]; 2]), sums[0]);
+            sums[1] = two.fused(plane, two.each([w[1][i]; 2]), sums[1]);
         }
-        weights
-    }
-
-    /// Their derivatives.
-    #[inline(always)]
-    fn slopes_x<L: Lanes>(lanes: L, within: [f32; GROUP]) -> [[f32; GROUP]; 4] {
-        let t = lanes.load(&within);
-        let mut weights = [[0.0; GROUP]; 4];
-        for (i, w) in weights.iter_mut().enumerate() {
-            let c = [[SLOPES[0][i]; 8], [SLOPES[1][i]; 8], [SLOPES[2][i]; 8]];
-            lanes.store(square(lanes, t, &c), w);
-        }
-        weights
+        [two.rows(sums[0]), two.rows(sums[1])]
     }
 
     /// Eight shares of the value at point `n` of a group.
     #[inline(always)]
-    fn row<L: Lanes>(&self, lanes: L, places: &Places, wx: &[[f32; GROUP]; 4], n: usize) -> L::F {
+    fn row<L: Lanes>(&self, lanes: L, places: &Places, weights: &Weights, n: usize) -> L::F {
         let at = places.at[n] as usize;
-        let [low, high] = self.along_x(lanes, at, [wx[0][n], wx[1][n], wx[2][n], wx[3][n]]);
-        let (ty, tz) = (
-            lanes.splat(places.within[1][n]),
-            lanes.splat(places.within[2][n]),
-        );
-        let sum = lanes.mul(high, cubic(lanes, ty, &Y[1]));
-        let sum = lanes.fused(low, cubic(lanes, ty, &Y[0]), sum);
-        lanes.mul(sum, cubic(lanes, tz, &Z))
+        let [low, high] = self.along_x(lanes, at, weights.x(n));
+        let [y0, y1] = weights.y(lanes, n);
+        let sum = lanes.fused(low, y0, lanes.mul(high, y1));
+        lanes.mul(sum, weights.z(lanes, n))
     }
 
     /// Values at four points of a group, or at a single one.
@@ -223,17 +253,17 @@ impl Spline {
     fn sums<L: Lanes>(
         &self,
         lanes: L,
-        (places, wx): (&Places, &[[f32; GROUP]; 4]),
+        (places, weights): (&Places, &Weights),
         first: usize,
         is_single: bool,
     ) -> [f32; 4] {
-        let a = self.row(lanes, places, wx, first);
+        let a = self.row(lanes, places, weights, first);
         if is_single {
             return lanes.sums([a, a, a, a]);
         }
-        let b = self.row(lanes, places, wx, first + 1);
-        let c = self.row(lanes, places, wx, first + 2);
-        let d = self.row(lanes, places, wx, first + 3);
+        let b = self.row(lanes, places, weights, first + 1);
+        let c = self.row(lanes, places, weights, first + 2);
+        let d = self.row(lanes, places, weights, first + 3);
         lanes.sums([a, b, c, d])
     }
 
@@ -241,8 +271,8 @@ impl Spline {
     fn values_by<L: Lanes>(&self, lanes: L, points: &[CellPoint<3>], out: &mut [f32]) {
         for (points, out) in points.chunks(GROUP).zip(out.chunks_mut(GROUP)) {
             let places = self.places(lanes, points);
-            let wx = Self::weights_x(lanes, places.within[0]);
-            let group = (&places, &wx);
+            let weights = Weights::new(lanes, &places, &CUBIC);
+            let group = (&places, &weights);
             let low = self.sums(lanes, group, 0, out.len() == 1);
             if let Some(out) = out.first_chunk_mut::<GROUP>() {
                 let high = self.sums(lanes, group, 4, false);
@@ -262,39 +292,38 @@ impl Spline {
     fn samples_by<L: Lanes>(&self, lanes: L, points: &[CellPoint<3>], out: &mut [[f32; 4]]) {
         for (points, out) in points.chunks(GROUP).zip(out.chunks_mut(GROUP)) {
             let places = self.places(lanes, points);
-            let wx = Self::weights_x(lanes, places.within[0]);
-            let dx = Self::slopes_x(lanes, places.within[0]);
+            let weights = Weights::new(lanes, &places, &CUBIC);
+            let slopes = Weights::new(lanes, &places, &SLOPES);
+            let scales = self.scales(lanes, &places);
             for (n, out) in out.iter_mut().enumerate() {
                 let at = places.at[n] as usize;
-                let [low, high] = self.along_x(lanes, at, [wx[0][n], wx[1][n], wx[2][n], wx[3][n]]);
-                let [steep_low, steep_high] =
-                    self.along_x(lanes, at, [dx[0][n], dx[1][n], dx[2][n], dx[3][n]]);
-                let ty = lanes.splat(places.within[1][n]);
-                let tz = lanes.splat(places.within[2][n]);
-                let (wz, dz) = (cubic(lanes, tz, &Z), square(lanes, tz, &Z_SLOPES));
-                let (y0, y1) = (cubic(lanes, ty, &Y[0]), cubic(lanes, ty, &Y[1]));
-                let (d0, d1) = (
-                    square(lanes, ty, &Y_SLOPES[0]),
-                    square(lanes, ty, &Y_SLOPES[1]),
-                );
+                let both = self.both_along_x(lanes, at, [weights.x(n), slopes.x(n)]);
+                let [[low, high], [steep_low, steep_high]] = both;
+                let (wz, dz) = (weights.z(lanes, n), slopes.z(lanes, n));
+                let ([y0, y1], [d0, d1]) = (weights.y(lanes, n), slopes.y(lanes, n));
                 let flat = lanes.fused(low, y0, lanes.mul(high, y1));
                 let steep = lanes.fused(steep_low, y0, lanes.mul(steep_high, y1));
                 let along = lanes.fused(low, d0, lanes.mul(high, d1));
-                let [v, x, y, z] = lanes.sums([
+                let sums = lanes.sums([
                     lanes.mul(flat, wz),
                     lanes.mul(steep, wz),
                     lanes.mul(along, wz),
                     lanes.mul(flat, dz),
                 ]);
-                let [sx, sy, sz] = self.per_unit;
-                *out = [
-                    v,
-                    x * (sx * places.signs[0][n]),
-                    y * (sy * places.signs[1][n]),
-                    z * (sz * places.signs[2][n]),
-                ];
+                *out = lanes.products(sums, scales[n]);
             }
         }
+    }
+
+    /// What makes values and derivatives by spline cells, at the points of a group, those of the points.
+    #[inline(always)]
+    fn scales<L: Lanes>(&self, lanes: L, places: &Places) -> [[f32; 4]; GROUP] {
+        let mut scales = [lanes.splat(1.0); 4];
+        for a in 0..3 {
+            let signs = lanes.load(&places.signs[a]);
+            scales[a + 1] = lanes.mul(lanes.splat(self.per_unit[a]), signs);
+        }
+        lanes.by_place(scales)
     }
 
     /// Does a work on the lanes that the spline is for.
@@ -336,6 +365,7 @@ impl Spline {
 mod tests {
     use super::*;
     use crate::frame::Vec3;
+    use crate::lanes::Code;
 
     type Wave<'a> = &'a dyn Fn([i64; 3]) -> f32;
 
@@ -380,6 +410,9 @@ mod tests {
         let (mut plain, mut wide) = (vec![[0.0; 4]; all.len()], vec![[0.0; 4]; all.len()]);
         spline.samples_by(Plain, &all, &mut plain);
         spline.samples(&all, &mut wide);
+        let mut narrow = vec![[0.0; 4]; all.len()];
+        lanes::run_by(Code::Avx2, Samples(&spline, &all, &mut narrow));
+        assert_eq!(narrow, wide);
         let (mut low, mut values) = (vec![0.0; all.len()], vec![0.0; all.len()]);
         spline.values_by(Plain, &all, &mut low);
         spline.values(&all, &mut values);

@@ -18,52 +18,20 @@ pub(super) const SLOPES: [[f32; 4]; 3] = [
     [-0.5, 1.5, -1.5, 0.5],
 ];
 
-/// Rows whose lane l holds entry `first` + l % 2: weights along y.
-const fn along_y<const N: usize>(powers: [[f32; 4]; N], first: usize) -> [[f32; 8]; N] {
-    let mut rows = [[0.0; 8]; N];
-    let mut p = 0;
-    while p < N {
-        let mut l = 0;
-        while l < 8 {
-            rows[p][l] = powers[p][first + l % 2];
-            l += 1;
-        }
-        p += 1;
-    }
-    rows
-}
-
-/// Rows whose lane l holds entry l / 2: weights along z.
-const fn along_z<const N: usize>(powers: [[f32; 4]; N]) -> [[f32; 8]; N] {
-    let mut rows = [[0.0; 8]; N];
-    let mut p = 0;
-    while p < N {
-        let mut l = 0;
-        while l < 8 {
-            rows[p][l] = powers[p][l / 2];
-            l += 1;
-        }
-        p += 1;
-    }
-    rows
-}
-
-pub(super) const Y: [[[f32; 8]; 4]; 2] = [along_y(CUBIC, 0), along_y(CUBIC, 2)];
-pub(super) const Y_SLOPES: [[[f32; 8]; 3]; 2] = [along_y(SLOPES, 0), along_y(SLOPES, 2)];
-pub(super) const Z: [[f32; 8]; 4] = along_z(CUBIC);
-pub(super) const Z_SLOPES: [[f32; 8]; 3] = along_z(SLOPES);
-
-/// A cubic with these coefficients.
+/// The four weights at eight places in their cells, from their coefficients by powers.
 #[inline(always)]
-pub(super) fn cubic<L: Lanes>(lanes: L, t: L::F, c: &[[f32; 8]; 4]) -> L::F {
-    let mut sum = lanes.fused(t, lanes.load(&c[3]), lanes.load(&c[2]));
-    sum = lanes.fused(t, sum, lanes.load(&c[1]));
-    lanes.fused(t, sum, lanes.load(&c[0]))
-}
-
-/// A square polynomial with these coefficients.
-#[inline(always)]
-pub(super) fn square<L: Lanes>(lanes: L, t: L::F, c: &[[f32; 8]; 3]) -> L::F {
-    let sum = lanes.fused(t, lanes.load(&c[2]), lanes.load(&c[1]));
-    lanes.fused(t, sum, lanes.load(&c[0]))
+pub(super) fn weights<L: Lanes, const N: usize>(
+    lanes: L,
+    within: &[f32; 8],
+    powers: &[[f32; 4]; N],
+) -> [L::F; 4] {
+    let t = lanes.load(within);
+    let mut all = [t; 4];
+    for (i, w) in all.iter_mut().enumerate() {
+        *w = lanes.splat(powers[N - 1][i]);
+        for p in (0..N - 1).rev() {
+            *w = lanes.fused(t, *w, lanes.splat(powers[p][i]));
+        }
+    }
+    all
 }

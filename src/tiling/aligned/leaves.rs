@@ -11,7 +11,7 @@ use super::scales::{Axis, EVERY, MOST, Scales};
 use crate::cell::Column;
 use crate::field::{LeafBits, Leaves};
 use crate::frame::WorldPoint;
-use crate::lanes::{Lanes, Work};
+use crate::lanes::{Lanes, Twice, Work};
 
 /// Leaves along z whose samples' functions are kept.
 const KEPT: usize = 16;
@@ -108,12 +108,14 @@ impl Sweep<'_> {
         } = *self;
         let [x, y, z] = at;
         let rule = &function.rule;
-        let (zero, least) = (l.splat(0.0), l.splat(rule.least));
-        let (limit, minus) = (l.splat(background), l.splat(-background));
-        let reach = l.splat(rule.reach);
-        let beyond = l.splat(background / rule.least);
-        let mut planes = [[zero; N]; 8];
-        let mut along_z = [zero; crate::cell::FUNCTIONS];
+        let two = l.two();
+        let same = |v: f32| two.each([v; 2]);
+        let (zero, least) = (same(0.0), same(rule.least));
+        let (limit, minus) = (same(background), same(-background));
+        let reach = same(rule.reach);
+        let beyond = same(background / rule.least);
+        let mut planes = [[zero; N]; 4];
+        let mut along_z = [l.splat(0.0); crate::cell::FUNCTIONS];
         if N == EVERY {
             for (to, from) in along_z.iter_mut().zip(&z.along) {
                 *to = l.load(from);
@@ -132,38 +134,46 @@ impl Sweep<'_> {
         for (i, slab) in rows.as_chunks_mut::<8>().0.iter_mut().enumerate() {
             let shares = Scales::shares::<L, N>(l, x, i);
             let (mut negative, mut within) = (0, 0);
-            for j in 0..8 {
-                let f = l.load(&slab[j]);
-                let small = l.magnitude(f);
+            for (pair, rows) in slab.as_chunks_mut().0.iter_mut().enumerate() {
+                let j = (2 * pair) & 7;
+                let f = two.load(rows);
+                let small = two.magnitude(f);
                 let mut s = zero;
                 if N == EVERY {
-                    if l.below(small, beyond) != 0 {
+                    if two.below(small, beyond) != 0 {
                         let at_x = splatted(l, &x.along, i);
-                        let at_y = splatted(l, &y.along, j);
-                        s = scale::<L, false>(l, function, [&at_x, &at_y, &along_z]);
+                        let at_y = [splatted(l, &y.along, j), splatted(l, &y.along, j + 1)];
+                        s = two.pair([
+                            scale::<L, false>(l, function, [&at_x, &at_y[0], &along_z]),
+                            scale::<L, false>(l, function, [&at_x, &at_y[1], &along_z]),
+                        ]);
                     }
                 } else {
                     for n in 0..N {
-                        s = l.fused(shares[n], planes[j][n], s);
+                        s = two.fused(shares[n], planes[pair & 3][n], s);
                     }
                 }
-                s = l.max(s, least);
-                let (mut d, mut size) = (l.mul(f, s), l.mul(small, s));
-                doubt = l.max(doubt, l.select_below(small, reach, size, zero));
+                s = two.max(s, least);
+                let (mut d, mut size) = (two.mul(f, s), two.mul(small, s));
+                doubt = two.max(doubt, two.select_below(small, reach, size, zero));
                 if CUT {
-                    let (ox, oy) = (x.beyond[i & 7], y.beyond[j]);
-                    d = l.max(d, to_box(l, ox, oy, outside_z));
-                    size = l.magnitude(d);
+                    let (ox, oy) = (x.beyond[i & 7], [y.beyond[j], y.beyond[j + 1]]);
+                    let ends = [
+                        to_box(l, ox, oy[0], outside_z),
+                        to_box(l, ox, oy[1], outside_z),
+                    ];
+                    d = two.max(d, two.pair(ends));
+                    size = two.magnitude(d);
                 }
-                d = l.min(l.max(d, minus), limit);
-                l.store(d, &mut slab[j]);
-                negative |= u64::from(l.below(d, zero)) << (8 * j);
-                within |= u64::from(l.below(size, limit)) << (8 * j);
+                d = two.min(two.max(d, minus), limit);
+                two.store(d, rows);
+                negative |= u64::from(two.below(d, zero)) << (8 * j);
+                within |= u64::from(two.below(size, limit)) << (8 * j);
             }
             bits.negative[i & 7] = negative;
             bits.within[i & 7] = within;
         }
-        bits.settled = l.below(doubt, limit) == u8::MAX;
+        bits.settled = two.below(doubt, limit) == u16::MAX;
         bits
     }
 }

@@ -10,7 +10,7 @@
 use super::kernel::{Function, scale, splatted, stored};
 use super::periods::EACH;
 use crate::cell::{Along, FUNCTIONS};
-use crate::lanes::{Lanes, Work};
+use crate::lanes::{Lanes, Pair, Twice, Work};
 
 /// Nodes along an axis where every sample is one.
 pub(super) const EVERY: usize = 8;
@@ -185,17 +185,19 @@ impl Scales {
         }
     }
 
-    /// Scales along z at the nodes along x and all places along y: what is left to do is to add up those
-    /// of x, with the shares that [`Self::shares`] gives.
+    /// Scales along z at the nodes along x and all places along y, two of them together: what is left to do
+    /// is to add up those of x, with the shares that [`Self::shares`] gives.
     #[inline(always)]
-    pub fn planes<L: Lanes, const N: usize>(&self, l: L, at: [&Axis; 3]) -> [[L::F; N]; 8] {
+    pub fn planes<L: Lanes, const N: usize>(&self, l: L, at: [&Axis; 3]) -> [[Pair<L>; N]; 4] {
         let [x, y, z] = at;
         let zero = l.splat(0.0);
         let mut along_z = [zero; N];
         for k in 0..N {
             along_z[k] = l.load(&z.shares[k]);
         }
-        let mut planes = [[zero; N]; 8];
+        let two = l.two();
+        let none = two.each([0.0; 2]);
+        let mut planes = [[none; N]; 4];
         for i in 0..N {
             let mut rows = [zero; N];
             for j in 0..N {
@@ -205,10 +207,11 @@ impl Scales {
                     rows[j] = l.fused(l.splat(value), along_z[k], rows[j]);
                 }
             }
-            for v in 0..8 {
-                let mut sum = zero;
+            for v in 0..4 {
+                let mut sum = none;
                 for j in 0..N {
-                    sum = l.fused(l.splat(y.shares[j][v]), rows[j], sum);
+                    let shares = two.each([y.shares[j][2 * v], y.shares[j][2 * v + 1]]);
+                    sum = two.fused(shares, two.pair([rows[j], rows[j]]), sum);
                 }
                 planes[v][i] = sum;
             }
@@ -218,10 +221,10 @@ impl Scales {
 
     /// Each node's share in sample `v` along an axis; nothing where every sample has its own scale.
     #[inline(always)]
-    pub fn shares<L: Lanes, const N: usize>(l: L, axis: &Axis, v: usize) -> [L::F; N] {
-        let mut shares = [l.splat(0.0); N];
+    pub fn shares<L: Lanes, const N: usize>(l: L, axis: &Axis, v: usize) -> [Pair<L>; N] {
+        let mut shares = [l.two().each([0.0; 2]); N];
         for n in 0..N.min(MOST) {
-            shares[n] = l.splat(axis.shares[n][v & 7]);
+            shares[n] = l.two().each([axis.shares[n][v & 7]; 2]);
         }
         shares
     }

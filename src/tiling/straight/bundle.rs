@@ -1,9 +1,9 @@
-//! Points by rows of four, and where straight elements place them.
+//! Points by rows of eight, and where straight elements place them.
 // Small functions of hot paths, which must be compiled for the processor that their caller is for.
 #![allow(clippy::inline_always)]
 
 use crate::frame::{CellPoint, Vec3};
-use crate::lanes::{self, Four, Lanes, Number, Work};
+use crate::lanes::{self, Eight, Lanes, Number, Work};
 use crate::tiling::clamp::beyond_row;
 use crate::tiling::patch::{ON_FACE, Patch};
 use crate::tiling::place::{alike, difference, product};
@@ -11,8 +11,10 @@ use crate::tiling::place::{alike, difference, product};
 /// Most points of a bundle: one bit each in a word.
 pub(super) const MOST: usize = 64;
 
-/// A number for each point, by rows of four.
-pub(super) type Row = [[f64; 4]; MOST / 4];
+/// Points of a row.
+pub(super) const ROW: usize = 8;
+/// A number for each point, by rows.
+pub(super) type Row = [[f64; ROW]; MOST / ROW];
 
 /// Up to 64 points in the world.
 pub(super) struct Bundle {
@@ -45,13 +47,13 @@ pub(super) fn bits(mut word: u64) -> impl Iterator<Item = usize> {
 
 #[inline(always)]
 fn at(row: &Row, n: usize) -> f64 {
-    row[n / 4 % (MOST / 4)][n % 4]
+    row[n / ROW % (MOST / ROW)][n % ROW]
 }
 
 impl Default for Bundle {
     fn default() -> Self {
         Self {
-            x: [[[0.0; 4]; MOST / 4]; 3],
+            x: [[[0.0; ROW]; MOST / ROW]; 3],
             len: 0,
             real: 0,
         }
@@ -61,8 +63,8 @@ impl Default for Bundle {
 impl Default for Placed {
     fn default() -> Self {
         Self {
-            outside: [[0.0; 4]; MOST / 4],
-            xi: [[[0.0; 4]; MOST / 4]; 3],
+            outside: [[0.0; ROW]; MOST / ROW],
+            xi: [[[0.0; ROW]; MOST / ROW]; 3],
             shares: 0,
             owns: 0,
         }
@@ -91,7 +93,7 @@ impl Bundle {
         }
         let n = self.len;
         for (row, x) in self.x.iter_mut().zip(x) {
-            row[n / 4 % (MOST / 4)][n % 4] = x;
+            row[n / ROW % (MOST / ROW)][n % ROW] = x;
         }
         self.real |= u64::from(is_real) << n;
         self.len += 1;
@@ -100,15 +102,14 @@ impl Bundle {
     /// Adds the eight corners of a box, unless there is no room for them; a bit of `real` for each.
     #[inline(always)]
     pub fn push_block(&mut self, [x, y, z]: [[f64; 2]; 3], real: u64) {
-        let row = self.len / 4;
-        if !self.len.is_multiple_of(4) || row + 2 > MOST / 4 {
+        if !self.len.is_multiple_of(ROW) || self.is_full() {
             return;
         }
-        for (row, x) in (row..).zip(x) {
-            self.x[0][row] = [x; 4];
-            self.x[1][row] = [y[0], y[0], y[1], y[1]];
-            self.x[2][row] = [z[0], z[1], z[0], z[1]];
-        }
+        let row = self.len / ROW % (MOST / ROW);
+        let ([a, b], [c, d], [e, f]) = (x, y, z);
+        self.x[0][row] = [a, a, a, a, b, b, b, b];
+        self.x[1][row] = [c, c, d, d, c, c, d, d];
+        self.x[2][row] = [e, f, e, f, e, f, e, f];
         self.real |= real << self.len;
         self.len += 8;
     }
@@ -121,7 +122,7 @@ impl Bundle {
     pub fn fill_up(&mut self) {
         if let Some(last) = self.len.checked_sub(1) {
             let last = self.point(last);
-            while !self.len.is_multiple_of(4) {
+            while !self.len.is_multiple_of(ROW) {
                 self.push(last.into(), false);
             }
         }
@@ -177,7 +178,7 @@ impl Work for Placing<'_> {
             placed,
         } = self;
         let start = patch.start();
-        let zero = Four::of(lanes, [0.0; 4]);
+        let zero = Eight::of(lanes, &[0.0; ROW]);
         let (delta, on_face) = (zero.like(delta), zero.like(ON_FACE));
         let by = start.rows(zero);
         let centre = alike(zero, start.x);
@@ -185,11 +186,11 @@ impl Work for Placing<'_> {
         let shape = patch.shape();
         placed.shares = 0;
         placed.owns = 0;
-        for row in 0..bundle.len.div_ceil(4).min(MOST / 4) {
+        for row in 0..bundle.len.div_ceil(ROW).min(MOST / ROW) {
             let x = [
-                Four::of(lanes, bundle.x[0][row]),
-                Four::of(lanes, bundle.x[1][row]),
-                Four::of(lanes, bundle.x[2][row]),
+                Eight::of(lanes, &bundle.x[0][row]),
+                Eight::of(lanes, &bundle.x[1][row]),
+                Eight::of(lanes, &bundle.x[2][row]),
             ];
             let m = walls.outside(x);
             placed.outside[row] = m.row();
@@ -202,8 +203,8 @@ impl Work for Placing<'_> {
                 to[row] = xi.row();
             }
             let owns = shares & !on_face.bits_below(beyond_row(shape, xi));
-            placed.shares |= u64::from(shares) << (4 * row);
-            placed.owns |= u64::from(owns) << (4 * row);
+            placed.shares |= u64::from(shares) << (ROW * row);
+            placed.owns |= u64::from(owns) << (ROW * row);
         }
     }
 }

@@ -1,12 +1,12 @@
-//! Both steps of rule Q in a straight element, four points at a time: the map is the same everywhere.
+//! Both steps of rule Q in a straight element, eight points at a time: the map is the same everywhere.
 // Small functions of hot paths, which must be compiled for the processor that their caller is for;
 // arithmetic on lanes stands in no closure, which would not be.
 #![allow(clippy::inline_always)]
 
-use super::bundle::{MOST, Row};
+use super::bundle::{MOST, ROW, Row};
 use crate::frame::{CellPoint, Vec3};
-use crate::lanes::{self, Four, Lanes, Number, Work};
-use crate::tiling::place::{dot, product, rows};
+use crate::lanes::{self, Eight, Lanes, Number, Work};
+use crate::tiling::place::{dot, product};
 use crate::tiling::trail::Trail;
 use crate::tiling::walk::{Pace, to_world};
 
@@ -27,7 +27,7 @@ pub(super) struct Walk {
 
 impl Default for Walk {
     fn default() -> Self {
-        let row = [[0.0; 4]; MOST / 4];
+        let row = [[0.0; ROW]; MOST / ROW];
         Self {
             at: [CellPoint(Vec3::zeros()); MOST],
             slopes: [[0.0; 4]; MOST],
@@ -52,7 +52,7 @@ impl Walk {
 
     /// Distance per field unit at the start of point `n`.
     pub fn scale(&self, n: usize) -> f64 {
-        self.scale[n / 4 % (MOST / 4)][n % 4]
+        self.scale[n / ROW % (MOST / ROW)][n % ROW]
     }
 }
 
@@ -60,15 +60,17 @@ struct SetOff<'a>(Pace, &'a Trail, &'a mut Walk);
 
 struct Arrive<'a>(Pace, &'a Trail, &'a mut Walk);
 
-/// Values and gradients of a row.
+/// Values and gradients of row `row`.
 #[inline(always)]
-fn slopes<L: Lanes>(lanes: L, s: &[[f32; 4]]) -> (Four<L>, [Four<L>; 3]) {
-    let [a, b, c, d] = [s[0], s[1], s[2], s[3]];
-    let value = Four::singles_of(lanes, [a[0], b[0], c[0], d[0]]);
-    let x = Four::singles_of(lanes, [a[1], b[1], c[1], d[1]]);
-    let y = Four::singles_of(lanes, [a[2], b[2], c[2], d[2]]);
-    let z = Four::singles_of(lanes, [a[3], b[3], c[3], d[3]]);
-    (value, [x, y, z])
+fn slopes<L: Lanes>(
+    lanes: L,
+    all: &[[f32; 4]; MOST],
+    row: usize,
+) -> Option<(Eight<L>, [Eight<L>; 3])> {
+    let [f, x, y, z] = lanes.by_row(all.as_chunks().0.get(row)?);
+    let (x, y) = (Eight::singles_of(lanes, x), Eight::singles_of(lanes, y));
+    let z = Eight::singles_of(lanes, z);
+    Some((Eight::singles_of(lanes, f), [x, y, z]))
 }
 
 impl Work for SetOff<'_> {
@@ -77,11 +79,12 @@ impl Work for SetOff<'_> {
     #[inline(always)]
     fn run<L: Lanes>(self, lanes: L) {
         let Self(pace, map, walk) = self;
-        let zero = Four::of(lanes, [0.0; 4]);
+        let zero = Eight::of(lanes, &[0.0; ROW]);
         let by = map.rows(zero);
-        for row in 0..walk.len.div_ceil(4).min(MOST / 4) {
-            let own = 4 * row..4 * row + 4;
-            let (f, g) = slopes(lanes, &walk.slopes[own.clone()]);
+        for row in 0..walk.len.div_ceil(ROW).min(MOST / ROW) {
+            let Some((f, g)) = slopes(lanes, &walk.slopes, row) else {
+                break;
+            };
             let g = to_world(by, g);
             let square = dot(g, g, zero);
             let way = pace.step(f, g, square);
@@ -91,8 +94,14 @@ impl Work for SetOff<'_> {
             for (to, way) in walk.way.iter_mut().zip(way) {
                 to[row] = way.row();
             }
-            let at = &mut walk.at[own];
-            let from = rows(lanes, &[at[0].0, at[1].0, at[2].0, at[3].0]);
+            let Some(at) = walk.at.as_chunks_mut::<ROW>().0.get_mut(row) else {
+                break;
+            };
+            let mut starts = [[0.0; 3]; ROW];
+            for (to, at) in starts.iter_mut().zip(&*at) {
+                *to = at.0.into();
+            }
+            let from = Eight::points(lanes, starts);
             let [x, y, z] = product(by, way, from);
             let (x, y, z) = (x.row(), y.row(), z.row());
             for (n, at) in at.iter_mut().enumerate() {
@@ -108,21 +117,23 @@ impl Work for Arrive<'_> {
     #[inline(always)]
     fn run<L: Lanes>(self, lanes: L) {
         let Self(pace, map, walk) = self;
-        let zero = Four::of(lanes, [0.0; 4]);
+        let zero = Eight::of(lanes, &[0.0; ROW]);
         let by = map.rows(zero);
         let [least, most] = pace.scales;
-        for row in 0..walk.len.div_ceil(4).min(MOST / 4) {
-            let (f, g) = slopes(lanes, &walk.slopes[4 * row..4 * row + 4]);
+        for row in 0..walk.len.div_ceil(ROW).min(MOST / ROW) {
+            let Some((f, g)) = slopes(lanes, &walk.slopes, row) else {
+                break;
+            };
             let g = to_world(by, g);
             let [x, y, z] = pace.step(f, g, dot(g, g, zero));
             let way = [
-                Four::of(lanes, walk.way[0][row]) + x,
-                Four::of(lanes, walk.way[1][row]) + y,
-                Four::of(lanes, walk.way[2][row]) + z,
+                Eight::of(lanes, &walk.way[0][row]) + x,
+                Eight::of(lanes, &walk.way[1][row]) + y,
+                Eight::of(lanes, &walk.way[2][row]) + z,
             ];
-            let size = Four::of(lanes, walk.size[row]);
+            let size = Eight::of(lanes, &walk.size[row]);
             let scale = dot(way, way, zero).sqrt() / size;
-            let scale = zero.below(size, scale, Four::of(lanes, walk.scale[row]));
+            let scale = zero.below(size, scale, Eight::of(lanes, &walk.scale[row]));
             walk.scale[row] = scale.min(zero.like(most)).max(zero.like(least)).row();
         }
     }

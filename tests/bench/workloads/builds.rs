@@ -3,6 +3,7 @@
 use super::child::{self, Task};
 use super::figure::Found;
 use crate::Setting;
+use druse::lanes::Code;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -16,11 +17,10 @@ pub fn portable(setting: &Setting) -> Result<Vec<Found>, Fault> {
     let own = std::env::current_exe()?;
     let mut found = Vec::new();
     for (key, workload) in [("P18", "w1"), ("P18.w2", "w2")] {
-        let wide = task(workload, setting);
-        let narrow = Task {
-            is_portable: true,
-            ..wide
-        };
+        let [wide, narrow] = [Code::Avx2, Code::Portable].map(|code| Task {
+            code,
+            ..task(workload, setting)
+        });
         let ratios = child::ratios(ROUNDS, (&own, narrow), (&own, wide))?;
         found.push(Found::new(key, ratios.median, ratios.to_string()));
     }
@@ -49,7 +49,7 @@ fn task(workload: &'static str, setting: &Setting) -> Task {
     Task {
         workload,
         full: setting.full,
-        is_portable: false,
+        code: Code::Best,
     }
 }
 

@@ -2,6 +2,7 @@
 
 use super::clock::{Spread, in_turn};
 use super::{w1, w2};
+use druse::lanes::{Code, use_code};
 use std::path::Path;
 use std::process::Command;
 
@@ -14,8 +15,8 @@ pub struct Task {
     pub workload: &'static str,
     /// At the sizes of the README's table.
     pub full: bool,
-    /// Without the instructions that only some processors have.
-    pub is_portable: bool,
+    /// What it may ask of the processor.
+    pub code: Code,
 }
 
 /// Processor seconds of a workload in a fresh process, on one thread.
@@ -29,14 +30,18 @@ pub struct Passes {
 /// Passes after the first: of W1, and of W2, which takes longer.
 const LATER: [usize; 2] = [7, 2];
 const SIZES: [&str; 2] = ["quick", "full"];
-const CODES: [&str; 2] = ["wide", "portable"];
+const CODES: [(&str, Code); 3] = [
+    ("portable", Code::Portable),
+    ("avx2", Code::Avx2),
+    ("best", Code::Best),
+];
 
 /// Runs a task in a child: this program or another build of it.
 pub fn passes(program: &Path, task: Task) -> Result<Passes, Fault> {
     let words = [
         task.workload,
         SIZES[usize::from(task.full)],
-        CODES[usize::from(task.is_portable)],
+        CODES[task.code as usize].0,
     ];
     let output = Command::new(program).arg("--child").args(words).output()?;
     let text = String::from_utf8(output.stdout)?;
@@ -65,8 +70,10 @@ pub fn ratios(rounds: usize, a: (&Path, Task), b: (&Path, Task)) -> Result<Sprea
 pub fn run(arguments: impl Iterator<Item = String>) -> Result<(), Fault> {
     let words: Vec<String> = arguments.collect();
     let has = |word: &str| words.iter().any(|w| w == word);
-    if has(CODES[1]) {
-        druse::lanes::use_portable_code();
+    for (word, code) in CODES {
+        if has(word) {
+            use_code(code);
+        }
     }
     let (full, is_w2) = (has(SIZES[1]), has("w2"));
     let mut work: Box<dyn FnMut()> = if is_w2 {

@@ -1,6 +1,6 @@
 //! P15 and P16: what cells are made from, samples on a grid and signed distances of meshes.
 
-use super::baselines::fused_per_nanosecond;
+use super::baselines;
 use super::clock::{Spread, in_turn};
 use super::figure::Found;
 use crate::Setting;
@@ -17,8 +17,6 @@ const ROUNDS: usize = 5;
 const SAMPLES: usize = 128;
 /// Points along an edge of the unit cube where distances are asked.
 const POINTS: usize = 64;
-/// Fused multiplications a nanosecond of the machine that the goal of P16 was set on.
-const REFERENCE: f64 = 58.6;
 
 /// P15: the fit of samples under Td beside their own real transform, one thread.
 pub fn against_the_transform(_: &Setting) -> Result<Vec<Found>, Fault> {
@@ -86,13 +84,12 @@ pub fn signed_distances(_: &Setting) -> Result<Vec<Found>, Fault> {
     let one = druse::progress::Threads::new(1)?;
     let seconds = in_turn(
         ROUNDS,
-        &mut [&mut || one.install(|| solid.fill(&lattice, black_box(&mut values)))],
+        &mut [
+            &mut || one.install(|| solid.fill(&lattice, black_box(&mut values))),
+            &mut baselines::fuse,
+        ],
     );
-    let each: Vec<f64> = seconds[0]
-        .iter()
-        .map(|s| s * 1e6 / lattice.len() as f64)
-        .collect();
-    let (each, speed) = (Spread::of(&each), fused_per_nanosecond() / REFERENCE);
-    let note = format!("{each} here, at {speed:.2} of the speed the goal was set at");
-    Ok(vec![Found::new("P16", each.median * speed, note)])
+    let each = seconds[0].iter().map(|s| s * 1e6 / lattice.len() as f64);
+    let each: Vec<f64> = each.collect();
+    Ok(vec![baselines::at_reference("P16", &each, &seconds[1], "")])
 }

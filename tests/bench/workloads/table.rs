@@ -1,5 +1,6 @@
 //! Look-ups in a cell's table.
 
+use super::baselines;
 use super::clock::{Spread, in_turn};
 use super::figure::Found;
 use super::w2::walk;
@@ -57,28 +58,26 @@ pub fn look_ups(_: &Setting) -> Result<Vec<Found>, Box<dyn std::error::Error>> {
                     black_box(&steep);
                 }
             },
+            &mut baselines::fuse,
         ],
     );
-    let each = |s: &[f64]| {
-        let s: Vec<f64> = s.iter().map(|s| s * 1e9 / points.len() as f64).collect();
-        Spread::of(&s)
+    let each = |s: &[f64]| -> Vec<f64> {
+        let each = s.iter().map(|s| s * 1e9 / points.len() as f64);
+        each.collect()
     };
     let size = format!(
-        "{} samples, {:.1} MiB",
+        "; {} samples, {:.1} MiB",
         table.samples(),
         table.bytes() as f64 / 1048576.0
     );
-    let (value, slope) = (each(&seconds[0]), each(&seconds[1]));
+    let figure =
+        |key, s: &[f64], note: &str| baselines::at_reference(key, &each(s), &seconds[5], note);
     let ratios = Spread::of_ratios(&seconds[2], &seconds[0]);
-    let (few, steep) = (each(&seconds[3]), each(&seconds[4]));
+    let steep = format!("; with gradient {}", Spread::of(&each(&seconds[4])));
     Ok(vec![
-        Found::new("P6", value.median, format!("{value}; {size}")),
-        Found::new("P6.gradient", slope.median, format!("{slope}; {size}")),
-        Found::new(
-            "P6.products",
-            few.median,
-            format!("{few}; with gradient {steep}"),
-        ),
+        figure("P6", &seconds[0], &size),
+        figure("P6.gradient", &seconds[1], &size),
+        figure("P6.products", &seconds[3], &steep),
         Found::new("P18.lookup", ratios.median, ratios.to_string()),
     ])
 }

@@ -11,6 +11,7 @@ use druse::band::{Band, BandStats, LeafSink};
 use druse::cell::{Surface, Table};
 use druse::field::WorldField;
 use druse::frame::{Aabb, Element, Transform, Vec3};
+use druse::lanes::Code;
 use druse::progress::{Silent, Threads};
 use druse::scaffold::{Kind, Scaffold};
 use druse::tiling::{Boundary, Distance, TiledSolid, TilingOptions};
@@ -140,9 +141,10 @@ pub fn against_baselines(setting: &Setting) -> Result<Vec<Found>, Fault> {
             &mut || baselines::leafwise_f32(at, &Reader::default()),
             &mut || drop(black_box(baselines::dense_tables(at))),
             &mut || baselines::write(&mut bytes),
+            &mut baselines::fuse,
         ],
     );
-    let [ours, callback, leafwise, tables, writing] = &seconds[..] else {
+    let [ours, callback, leafwise, tables, writing, fusing] = &seconds[..] else {
         return Ok(Vec::new());
     };
     let writing: Vec<f64> = writing.iter().map(|s| s * share).collect();
@@ -156,7 +158,7 @@ pub fn against_baselines(setting: &Setting) -> Result<Vec<Found>, Fault> {
         found.push(Found::new(key, ratios.median, note(other, ratios)));
     }
     let ratios = Spread::of_ratios(ours, &writing);
-    let peak = baselines::fused_per_nanosecond();
+    let peak = baselines::fused_per_nanosecond(Spread::of(fusing).median);
     let note = format!("{}; {peak:.0} GFMA/s", note(&writing, ratios));
     found.push(Found::new("P4", ratios.median, note));
     Ok(found)
@@ -211,7 +213,7 @@ pub fn first_pass(setting: &Setting) -> Result<Vec<Found>, Fault> {
     let task = Task {
         workload: "w1",
         full: setting.full,
-        is_portable: false,
+        code: Code::Best,
     };
     let mut ratios = Vec::new();
     for _ in 0..ROUNDS {

@@ -1,5 +1,6 @@
 //! W2: struts in the tets of an ellipsoid, and W3: two cells blended over bent hexes.
 
+use super::baselines;
 use super::clock::{Spread, in_turn};
 use super::figure::Found;
 use super::reader::Reader;
@@ -224,24 +225,25 @@ pub fn struts_in_tets(setting: &Setting) -> Result<Vec<Found>, Fault> {
     let small_run: &mut dyn FnMut() = &mut || run(&small);
     let seconds = in_turn(
         ROUNDS,
-        &mut [&mut || run(&field), &mut || run(&large), small_run],
+        &mut [
+            &mut || run(&field),
+            &mut || run(&large),
+            small_run,
+            &mut baselines::fuse,
+        ],
     );
     let active = stats.active_voxels as f64;
     let each: Vec<f64> = seconds[0].iter().map(|s| s * 1e9 / active).collect();
-    let each = Spread::of(&each);
+    let note = format!(
+        "; {} tets, {} active voxels, {:.1} MiB of table",
+        scaffold.len(),
+        stats.active_voxels,
+        some.bytes() as f64 / 1048576.0
+    );
     let ratios = Spread::of_ratios(&seconds[1], &seconds[2]);
     let mut found = vec![
         Found::new("P7", ratios.median, ratios.to_string()),
-        Found::new(
-            "P8",
-            each.median,
-            format!(
-                "{each}; {} tets, {} active voxels, {:.1} MiB of table",
-                scaffold.len(),
-                stats.active_voxels,
-                some.bytes() as f64 / 1048576.0
-            ),
-        ),
+        baselines::at_reference("P8", &each, &seconds[3], &note),
     ];
     found.extend(counts(&W2, &stats));
     found.push(two_threads(&W2, &field, extent)?);

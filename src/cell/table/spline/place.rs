@@ -4,7 +4,7 @@
 
 use super::{GROUP, Spline};
 use crate::frame::CellPoint;
-use crate::lanes::Lanes;
+use crate::lanes::{Lanes, Twice};
 
 /// Places of a group of points.
 pub(super) struct Places {
@@ -29,75 +29,57 @@ pub(in super::super) fn four(points: &[CellPoint<3>], first: usize) -> [[f64; 3]
 }
 
 impl Spline {
-    /// Places four points: where their coefficients start, and their places and signs by axis.
+    /// Places a group of at most eight points: beyond their end is the last one again.
     #[inline(always)]
-    fn place<L: Lanes>(&self, lanes: L, x: [L::D; 3]) -> ([i32; 4], [[f32; 4]; 3], [[f32; 4]; 3]) {
-        let one = lanes.all_four(1.0);
-        let mut turns = lanes.all_four(0.0);
+    pub(super) fn places<L: Lanes>(&self, lanes: L, points: &[CellPoint<3>]) -> Places {
+        let two = lanes.two();
+        let (low, high) = (lanes.turned(four(points, 0)), lanes.turned(four(points, 4)));
+        let one = two.all_eight(1.0);
+        let mut turns = two.all_eight(0.0);
         let mut reversed = one;
-        let mut at = lanes.all_four(0.0);
-        let (mut within, mut signs) = ([[0.0; 4]; 3], [[0.0; 4]; 3]);
+        let mut at = two.all_eight(0.0);
+        let (mut within, mut signs) = ([[0.0; GROUP]; 3], [[0.0; GROUP]; 3]);
         for a in 0..3 {
             let axis = &self.axes[a];
-            let mut v = lanes.mul_four(x[a], lanes.all_four(axis.rate));
+            let x = two.eight([low[a], high[a]]);
+            let mut v = two.mul_eight(x, two.all_eight(axis.rate));
             if a == 2 {
-                v = lanes.sub_four(v, lanes.mul_four(turns, lanes.all_four(self.carry)));
+                v = two.sub_eight(v, two.mul_eight(turns, two.all_eight(self.carry)));
                 if self.is_twofold {
-                    v = lanes.mul_four(v, reversed);
+                    v = two.mul_eight(v, reversed);
                 }
             }
             let mut sign = one;
             if axis.is_halved {
-                let whole = lanes.floor_four(lanes.add_four(v, lanes.all_four(0.5)));
-                turns = lanes.add_four(turns, whole);
-                v = lanes.sub_four(v, whole);
-                sign = lanes.sign_four(v);
-                v = lanes.mul_four(v, sign);
-                reversed = lanes.mul_four(reversed, sign);
+                let whole = two.floor_eight(two.add_eight(v, two.all_eight(0.5)));
+                turns = two.add_eight(turns, whole);
+                v = two.sub_eight(v, whole);
+                sign = two.sign_eight(v);
+                v = two.mul_eight(v, sign);
+                reversed = two.mul_eight(reversed, sign);
             } else {
-                let whole = lanes.floor_four(v);
-                turns = lanes.add_four(turns, whole);
-                v = lanes.sub_four(v, whole);
+                let whole = two.floor_eight(v);
+                turns = two.add_eight(turns, whole);
+                v = two.sub_eight(v, whole);
                 if a == 2 && self.is_twofold {
                     sign = reversed;
                 }
             }
-            let u = lanes.mul_four(v, lanes.all_four(axis.samples));
-            let cell = lanes.min_four(lanes.floor_four(u), lanes.all_four(axis.last));
-            let stride = lanes.all_four(self.strides[a]);
-            at = lanes.add_four(at, lanes.mul_four(cell, stride));
-            within[a] = lanes.singles(lanes.sub_four(u, cell));
-            signs[a] = lanes.singles(sign);
+            let u = two.mul_eight(v, two.all_eight(axis.samples));
+            let cell = two.min_eight(two.floor_eight(u), two.all_eight(axis.last));
+            let stride = two.all_eight(self.strides[a]);
+            at = two.add_eight(at, two.mul_eight(cell, stride));
+            let inside = two.singles_eight(two.sub_eight(u, cell));
+            lanes.store(inside, &mut within[a]);
+            lanes.store(two.singles_eight(sign), &mut signs[a]);
         }
         // What is no number lies anywhere in the table.
-        at = lanes.min_four(at, lanes.all_four(self.last));
-        at = lanes.max_four(at, lanes.all_four(0.0));
-        (lanes.integers(at), within, signs)
-    }
-
-    /// Places a group of at most eight points.
-    #[inline(always)]
-    pub(super) fn places<L: Lanes>(&self, lanes: L, points: &[CellPoint<3>]) -> Places {
-        let mut places = Places {
-            at: [0; GROUP],
-            within: [[0.0; GROUP]; 3],
-            signs: [[0.0; GROUP]; 3],
-        };
-        let (at, within, signs) = self.place(lanes, lanes.turned(four(points, 0)));
-        places.at[..4].copy_from_slice(&at);
-        if points.len() <= 4 {
-            for a in 0..3 {
-                places.within[a][..4].copy_from_slice(&within[a]);
-                places.signs[a][..4].copy_from_slice(&signs[a]);
-            }
-            return places;
+        at = two.min_eight(at, two.all_eight(self.last));
+        at = two.max_eight(at, two.all_eight(0.0));
+        Places {
+            at: two.integers_eight(at),
+            within,
+            signs,
         }
-        let (at, others, beside) = self.place(lanes, lanes.turned(four(points, 4)));
-        places.at[4..].copy_from_slice(&at);
-        for a in 0..3 {
-            lanes.store(lanes.both(within[a], others[a]), &mut places.within[a]);
-            lanes.store(lanes.both(signs[a], beside[a]), &mut places.signs[a]);
-        }
-        places
     }
 }
