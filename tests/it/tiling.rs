@@ -12,6 +12,7 @@ use druse::tiling::{Boundary, CellField, Distance, TiledSolid, TilingOptions};
 
 mod aligned;
 mod bent;
+mod codes;
 mod cosines;
 mod counts;
 mod distances;
