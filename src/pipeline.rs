@@ -118,7 +118,8 @@ pub fn plan(
             found.brick_bytes = bricks::brick_bytes(&stock, &plan);
             found.peak_memory_bytes = plan.memory_bytes;
         }
-        Ok(None) | Err(RunError::Memory { .. } | RunError::Budget { .. }) => {}
+        Ok(None)
+        | Err(RunError::Memory { .. } | RunError::Whole { .. } | RunError::Budget { .. }) => {}
         Err(other) => return Err(other),
     }
     Ok(found)

@@ -115,7 +115,7 @@ pub(super) fn shortage(
     Ok((needed > available).then_some(Shortage { counts, available }))
 }
 
-/// The error of a run for which there is too little memory, and that cannot go through bricks.
+/// The error of a run that cannot go through bricks, for which there may be too little memory.
 pub(super) fn shortage_error(
     stock: &Stock,
     threads: &Threads,
@@ -124,6 +124,9 @@ pub(super) fn shortage_error(
     reason: String,
 ) -> RunError {
     let needed = predict(stock, threads, counts).peak_memory_bytes;
+    if needed <= available {
+        return RunError::Whole { needed, reason };
+    }
     let h = stock.recipe.scale().voxel_size;
     let base = memory::resident() as f64;
     let growth = (needed as f64 - base) / (available as f64 * 0.95 - base).max(1e6);

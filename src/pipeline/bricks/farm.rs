@@ -19,7 +19,7 @@ const LARGEST: u64 = 256 << 20;
 /// Plans a run in bricks and writes the plan to a file.
 ///
 /// # Errors
-/// As [`run`](super::super::run); [`RunError::Memory`] for a recipe that cannot go through bricks.
+/// As [`run`](super::super::run); [`RunError::Memory`] or [`RunError::Whole`] for a recipe that cannot go through bricks.
 pub fn brick_plan(
     recipe: &Recipe,
     path: &Path,

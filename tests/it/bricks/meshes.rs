@@ -92,7 +92,7 @@ fn what_files_cannot_be_streamed_say_what_to_do() {
         let text = TILED.replace("[[op]]\nkeep_largest = true\n", "");
         let recipe = Recipe::parse(&format!("{text}[[output]]\n{output}\n"), &[]).unwrap();
         let error = run(&recipe, &options(directory.path(), Some(1), 1), &Silent).unwrap_err();
-        assert!(matches!(error, RunError::Memory { .. }), "{error}");
+        assert!(matches!(error, RunError::Whole { .. }), "{error}");
         let error = error.to_string();
         assert!(
             error.contains("output.0, b.") && error.contains(wanted),
