@@ -200,13 +200,15 @@ std::int32_t file_write(const FileOut&, std::int32_t descriptor, std::uint32_t c
 std::int32_t file_write_nano(const FileOut&, std::int32_t descriptor, std::uint32_t compression, const Host&);
 
 // stream.cc
-std::unique_ptr<Stream> stream_open(const FileOut&, std::int32_t descriptor, std::uint32_t compression,
-                                    const TreeFacts&, const Host&);
+std::unique_ptr<Stream> stream_open(const FileOut&, std::int32_t descriptor, std::uint32_t compression, const Host&);
+void stream_grid(Stream&, std::size_t index, const TreeFacts&);
 void stream_root(Stream&, rust::Slice<const std::int32_t> tiles, std::uint32_t nodes);
 void stream_upper(Stream&, const std::array<std::int32_t, 3>& origin, rust::Slice<const std::uint64_t> children,
                   rust::Slice<const std::uint64_t> inside);
-void stream_topology(Stream&, std::unique_ptr<Block>);
-void stream_values(Stream&, std::unique_ptr<Block>);
+void stream_topology(Stream&, const std::array<std::int32_t, 3>& origin, rust::Slice<const std::int32_t> leaves,
+                     rust::Slice<const std::uint64_t> masks, rust::Slice<const std::uint64_t> inside);
+void stream_values(Stream&, const std::array<std::int32_t, 3>& origin, rust::Slice<const std::int32_t> leaves,
+                   rust::Slice<const std::uint64_t> masks, rust::Slice<const float> values);
 std::int32_t stream_close(Stream&);
 
 // render.cc

@@ -2,6 +2,7 @@
 #include "impl.h"
 
 #include <openvdb/tools/LevelSetUtil.h>
+#include <openvdb/tools/Prune.h>
 #include <openvdb/tools/SignedFloodFill.h>
 #include <openvdb/tree/LeafManager.h>
 
@@ -192,6 +193,13 @@ std::unique_ptr<Grid> grid_fog(const Grid& handle, const Host& host) {
   FloatGrid::Ptr fog;
   in_arena(host, [&] {
     fog = floats(handle).deepCopy();
+    // What is not active says no more than its sign: a fog is of what a file of the level set says.
+    const float outside = fog->background();
+    tree::LeafManager<FloatTree> leaves(fog->tree());
+    leaves.foreach([outside](Leaf& leaf, std::size_t) {
+      for (auto it = leaf.beginValueOff(); it; ++it) it.setValue(*it < 0 ? -outside : outside);
+    });
+    tools::pruneLevelSet(fog->tree());
     tools::sdfToFogVolume(*fog);
     fog->setName("density");
   });

@@ -1,11 +1,13 @@
-// One grid of any size into one ordinary file: masks and tiles of all nodes first, then the values of
-// all leaves, each block of 128^3 voxels made for the moment of writing it and freed at once.
+// Grids of any size into one ordinary file: of each the masks and tiles of all nodes first, then the
+// values of all leaves, each block of 128^3 voxels made for the moment of writing it and freed at once.
 #include "file.h"
 
 #include <openvdb/io/Archive.h>
 #include <openvdb/io/GridDescriptor.h>
 #include <openvdb/io/io.h>
-#include <openvdb/tools/SignedFloodFill.h>
+
+#include <cstring>
+#include <optional>
 
 using namespace openvdb;
 
@@ -20,6 +22,22 @@ struct OpenArchive : io::Archive {
   void tag(std::ostream& os, const GridBase& grid) const { setGridCompression(os, grid); }
 };
 
+// A grid on its way: what its nodes are made with.
+struct Current {
+  GridBase::ConstPtr grid;
+  io::GridDescriptor descriptor;
+  std::streamoff positions;  // where the descriptor's positions are to be entered
+  float inside;              // value of tiles inside, and whether they are active
+  bool active;
+  bool half;
+  bool values = false;
+  Vec3s vector_background{0.0f};
+  float float_background = 0.0f;
+};
+
+const float& background(const Current& c, const FloatTree*) { return c.float_background; }
+const Vec3s& background(const Current& c, const Vec3STree*) { return c.vector_background; }
+
 }  // namespace
 
 struct Stream::Impl {
@@ -27,29 +45,46 @@ struct Stream::Impl {
   DescriptorBuffer buffer;
   std::ostream os;
   OpenArchive archive;
+  std::uint32_t compression;
   io::StreamMetadata::Ptr metadata{new io::StreamMetadata};
-  FloatGrid::ConstPtr grid;
-  io::GridDescriptor descriptor;
-  float background;
-  bool half;
-  std::streamoff positions = 0;  // where the descriptor's positions are to be entered
-  bool values = false;
+  std::vector<GridBase::ConstPtr> grids;
+  std::optional<Current> current;
 
-  Impl(const FloatGrid::ConstPtr& g, int file, const Host& host)
-      : interrupter(host),
-        buffer(file, interrupter),
-        os(&buffer),
-        grid(g),
-        descriptor(g->getName(), g->type(), g->saveFloatAsHalf()),
-        background(g->background()),
-        half(g->saveFloatAsHalf()) {}
+  Impl(int file, std::uint32_t flags, const Host& host)
+      : interrupter(host), buffer(file, interrupter), os(&buffer), compression(flags) {}
 
   template <typename T>
   void put(const T& value) {
     os.write(reinterpret_cast<const char*>(&value), sizeof(T));
   }
 
-  tools::SignedFloodFillOp<FloatTree> flood() const { return {background, -background}; }
+  // Runs `work` with a null pointer to a tree of the current grid's type.
+  template <typename Work>
+  void typed(Work&& work) {
+    if (!current) throw std::logic_error("no grid has begun");
+    if (current->grid->isType<Vec3SGrid>()) {
+      work(static_cast<const Vec3STree*>(nullptr));
+    } else {
+      work(static_cast<const FloatTree*>(nullptr));
+    }
+  }
+
+  // Ends the current grid: its positions are entered where they belong.
+  void finish() {
+    if (!current) return;
+    begin_values();
+    io::GridDescriptor& descriptor = current->descriptor;
+    descriptor.setEndPos(os.tellp());
+    os.seekp(current->positions);
+    descriptor.writeStreamPos(os);
+    descriptor.seekToEnd(os);
+    current.reset();
+  }
+
+  void begin_values() {
+    if (!current->values) current->descriptor.setBlockPos(os.tellp());
+    current->values = true;
+  }
 };
 
 Stream::Stream(std::unique_ptr<Impl> i) : impl(std::move(i)) {}
@@ -71,14 +106,45 @@ void step(Stream& stream, Work&& work) {
   }
 }
 
+// A block with its leaves, whose values are all or none given.
+template <typename TreeType>
+std::unique_ptr<typename TreeType::RootNodeType::ChildNodeType::ChildNodeType> made(
+    const Current& c, const std::array<std::int32_t, 3>& origin, rust::Slice<const std::int32_t> origins,
+    rust::Slice<const std::uint64_t> masks, rust::Slice<const float> values) {
+  using Value = typename TreeType::ValueType;
+  using LeafType = typename TreeType::LeafNodeType;
+  using BlockType = typename TreeType::RootNodeType::ChildNodeType::ChildNodeType;
+  constexpr std::size_t kFloats = LeafType::SIZE * sizeof(Value) / sizeof(float);
+  static_assert(sizeof(Value) % sizeof(float) == 0, "values are packed floats");
+  const Value& outside = background(c, static_cast<const TreeType*>(nullptr));
+  const std::size_t count = origins.size() / 3;
+  if (masks.size() != 8 * count || (!values.empty() && values.size() != kFloats * count))
+    throw std::invalid_argument("leaf slices disagree");
+  auto node = std::make_unique<BlockType>(Coord(origin[0], origin[1], origin[2]), outside, false);
+  for (std::size_t n = 0; n < count; ++n) {
+    const Coord at(origins[3 * n], origins[3 * n + 1], origins[3 * n + 2]);
+    if ((at & ~127) != node->origin() || (at & ~7) != at) throw std::out_of_range("a leaf is not of its block");
+    auto leaf = std::make_unique<LeafType>(PartialCreate(), at, outside, false);
+    if (!values.empty()) {
+      leaf->allocate();
+      std::memcpy(leaf->buffer().data(), values.data() + kFloats * n, kFloats * sizeof(float));
+    }
+    typename LeafType::NodeMaskType mask;
+    for (int w = 0; w < 8; ++w) mask.template getWord<std::uint64_t>(w) = masks[8 * n + w];
+    leaf->setValueMask(mask);
+    node->addLeaf(leaf.release());
+  }
+  return node;
+}
+
+bool is_set(rust::Slice<const std::uint64_t> words, Index n) { return words[n >> 6] >> (n & 63) & 1; }
+
 }  // namespace
 
 std::unique_ptr<Stream> stream_open(const FileOut& out, std::int32_t file, std::uint32_t compression,
-                                    const TreeFacts& facts, const Host& host) {
-  if (out.impl->grids.size() != 1) throw std::invalid_argument("a streamed file has one grid");
-  const FloatGrid::ConstPtr grid = out.impl->grids[0]->impl->grid;
-  if (!grid || !grid->tree().empty()) throw std::invalid_argument("a streamed grid begins without leaves");
-  auto stream = std::make_unique<Stream>(std::make_unique<Stream::Impl>(grid, file, host));
+                                    const Host& host) {
+  auto stream = std::make_unique<Stream>(std::make_unique<Stream::Impl>(file, compression, host));
+  for (const auto& grid : out.impl->grids) stream->impl->grids.push_back(grid->impl->base);
   step(*stream, [&](Stream::Impl& s) {
     s.os.exceptions(std::ios::badbit | std::ios::failbit);
     s.archive.setCompression(compression);
@@ -87,14 +153,30 @@ std::unique_ptr<Stream> stream_open(const FileOut& out, std::int32_t file, std::
     io::setWriteGridStatsMetadata(s.os, true);
     s.archive.header(s.os);
     out.impl->metadata.writeMeta(s.os);
-    s.put(std::int32_t(1));
-    s.descriptor.writeHeader(s.os);
-    s.positions = s.os.tellp();
-    s.descriptor.writeStreamPos(s.os);
-    s.descriptor.setGridPos(s.os.tellp());
-    s.metadata->setHalfFloat(s.half);
-    s.archive.tag(s.os, *s.grid);
-    const auto meta = ConstPtrCast<GridBase>(GridBase::ConstPtr(s.grid->copyGrid()));
+    s.put(std::int32_t(s.grids.size()));
+  });
+  return stream;
+}
+
+void stream_grid(Stream& stream, std::size_t index, const TreeFacts& facts) {
+  step(stream, [&](Stream::Impl& s) {
+    s.finish();
+    const GridBase::ConstPtr grid = s.grids.at(index);
+    const auto scalars = gridConstPtrCast<FloatGrid>(grid);
+    if (!scalars && !grid->isType<Vec3SGrid>()) throw std::invalid_argument("a streamed grid of another type");
+    if (!grid->empty()) throw std::invalid_argument("a streamed grid begins without leaves");
+    const bool half = grid->saveFloatAsHalf();
+    s.current.emplace(Current{grid, io::GridDescriptor(grid->getName(), grid->type(), half), 0, facts.inside,
+                              facts.inside_active, half});
+    if (scalars) s.current->float_background = scalars->background();
+    io::GridDescriptor& descriptor = s.current->descriptor;
+    descriptor.writeHeader(s.os);
+    s.current->positions = s.os.tellp();
+    descriptor.writeStreamPos(s.os);
+    descriptor.setGridPos(s.os.tellp());
+    s.metadata->setHalfFloat(half);
+    s.archive.tag(s.os, *grid);
+    const auto meta = ConstPtrCast<GridBase>(GridBase::ConstPtr(grid->copyGrid()));
     const auto corner = [](const std::array<std::int32_t, 3>& c) { return Vec3IMetadata(Vec3i(c[0], c[1], c[2])); };
     meta->insertMeta(GridBase::META_FILE_BBOX_MIN, corner(facts.box_min));
     meta->insertMeta(GridBase::META_FILE_BBOX_MAX, corner(facts.box_max));
@@ -103,23 +185,26 @@ std::unique_ptr<Stream> stream_open(const FileOut& out, std::int32_t file, std::
     meta->insertMeta(GridBase::META_FILE_COMPRESSION,
                      StringMetadata(io::compressionToString(io::getDataCompression(s.os))));
     meta->writeMeta(s.os);
-    s.grid->writeTransform(s.os);
+    grid->writeTransform(s.os);
   });
-  return stream;
 }
 
 void stream_root(Stream& stream, rust::Slice<const std::int32_t> tiles, std::uint32_t nodes) {
   step(stream, [&](Stream::Impl& s) {
-    s.put(std::int32_t(1));  // buffers
-    s.put(s.half ? io::truncateRealToHalf(s.background) : s.background);
-    io::setGridBackgroundValuePtr(s.os, &s.background);
-    s.put(Index(tiles.size() / 3));
-    s.put(Index(nodes));
-    for (std::size_t n = 0; n + 3 <= tiles.size(); n += 3) {
-      for (std::size_t a = 0; a < 3; ++a) s.put(tiles[n + a]);
-      s.put(-s.background);
-      s.put(false);
-    }
+    s.typed([&](auto* tree) {
+      const auto& outside = background(*s.current, tree);
+      using Value = std::decay_t<decltype(outside)>;
+      s.put(std::int32_t(1));  // buffers
+      s.put(s.current->half ? io::truncateRealToHalf(outside) : outside);
+      io::setGridBackgroundValuePtr(s.os, &outside);
+      s.put(Index(tiles.size() / 3));
+      s.put(Index(nodes));
+      for (std::size_t n = 0; n + 3 <= tiles.size(); n += 3) {
+        for (std::size_t a = 0; a < 3; ++a) s.put(tiles[n + a]);
+        s.put(Value(s.current->inside));
+        s.put(s.current->active);
+      }
+    });
   });
 }
 
@@ -128,40 +213,58 @@ void stream_upper(Stream& stream, const std::array<std::int32_t, 3>& origin,
   constexpr Index kWords = Node2::NUM_VALUES / 64;
   if (children.size() != kWords || inside.size() != kWords) throw std::invalid_argument("masks of a wrong size");
   step(stream, [&](Stream::Impl& s) {
-    for (const std::int32_t c : origin) s.put(c);
-    Node2::NodeMaskType child, active;
-    for (Index w = 0; w < kWords; ++w) child.getWord<std::uint64_t>(w) = children[w];
-    child.save(s.os);
-    active.save(s.os);
-    std::vector<float> values(Node2::NUM_VALUES, 0.0f);
-    for (Index n = 0; n < Node2::NUM_VALUES; ++n)
-      if (child.isOff(n)) values[n] = inside[n >> 6] >> (n & 63) & 1 ? -s.background : s.background;
-    io::writeCompressedValues(s.os, values.data(), Node2::NUM_VALUES, active, child, s.half);
+    s.typed([&](auto* tree) {
+      const auto& outside = background(*s.current, tree);
+      using Value = std::decay_t<decltype(outside)>;
+      for (const std::int32_t c : origin) s.put(c);
+      Node2::NodeMaskType child, active;
+      for (Index w = 0; w < kWords; ++w) {
+        child.getWord<std::uint64_t>(w) = children[w];
+        if (s.current->active) active.getWord<std::uint64_t>(w) = inside[w] & ~children[w];
+      }
+      child.save(s.os);
+      active.save(s.os);
+      std::vector<Value> values(Node2::NUM_VALUES, zeroVal<Value>());
+      for (Index n = 0; n < Node2::NUM_VALUES; ++n)
+        if (child.isOff(n)) values[n] = is_set(inside, n) ? Value(s.current->inside) : outside;
+      io::writeCompressedValues(s.os, values.data(), Node2::NUM_VALUES, active, child, s.current->half);
+    });
   });
 }
 
-void stream_topology(Stream& stream, std::unique_ptr<Block> block) {
+void stream_topology(Stream& stream, const std::array<std::int32_t, 3>& origin,
+                     rust::Slice<const std::int32_t> leaves, rust::Slice<const std::uint64_t> masks,
+                     rust::Slice<const std::uint64_t> inside) {
+  if (inside.size() != Node1::NUM_VALUES / 64) throw std::invalid_argument("a mask of a wrong size");
   step(stream, [&](Stream::Impl& s) {
-    s.flood()(*block->impl->node);
-    block->impl->node->writeTopology(s.os, s.half);
+    s.typed([&](auto* tree) {
+      using TreeType = std::remove_const_t<std::remove_pointer_t<decltype(tree)>>;
+      const Current& c = *s.current;
+      const auto node = made<TreeType>(c, origin, leaves, masks, {});
+      for (Index n = 0; n < Node1::NUM_VALUES; ++n) {
+        if (!is_set(inside, n) || node->isChildMaskOn(n)) continue;
+        node->addTile(n, typename TreeType::ValueType(c.inside), c.active);
+      }
+      node->writeTopology(s.os, c.half);
+    });
   });
 }
 
-void stream_values(Stream& stream, std::unique_ptr<Block> block) {
+void stream_values(Stream& stream, const std::array<std::int32_t, 3>& origin, rust::Slice<const std::int32_t> leaves,
+                   rust::Slice<const std::uint64_t> masks, rust::Slice<const float> values) {
   step(stream, [&](Stream::Impl& s) {
-    if (!s.values) s.descriptor.setBlockPos(s.os.tellp());
-    s.values = true;
-    block->impl->node->writeBuffers(s.os, s.half);
+    s.typed([&](auto* tree) {
+      using TreeType = std::remove_const_t<std::remove_pointer_t<decltype(tree)>>;
+      if (values.empty() && !leaves.empty()) throw std::invalid_argument("leaves without values");
+      s.begin_values();
+      made<TreeType>(*s.current, origin, leaves, masks, values)->writeBuffers(s.os, s.current->half);
+    });
   });
 }
 
 std::int32_t stream_close(Stream& stream) {
   step(stream, [&](Stream::Impl& s) {
-    if (!s.values) s.descriptor.setBlockPos(s.os.tellp());
-    s.descriptor.setEndPos(s.os.tellp());
-    s.os.seekp(s.positions);
-    s.descriptor.writeStreamPos(s.os);
-    s.descriptor.seekToEnd(s.os);
+    s.finish();
     s.os.flush();
   });
   return stream.impl->buffer.error();

@@ -46,6 +46,7 @@ mod index;
 mod leaf;
 mod leaf_file;
 mod leaf_store;
+mod numbers;
 mod pool;
 mod sinks;
 mod smooth;
@@ -55,6 +56,7 @@ pub use estimate::{Estimate, Sampling};
 pub use leaf::{BLOCK, LEAF, LeafBatch, LeafSink, SinkError, VOXELS};
 pub use leaf_file::{LeafFileError, LeafFileHead, LeafFileWriter};
 pub use leaf_store::{LeafStore, StoreError, UpperNode};
+pub use numbers::{NumberFileWriter, NumberStore};
 pub use sinks::{Leaf, LeafMap, Statistics, Totals};
 pub use smooth::{LeafRef, Smoother};
 

@@ -115,10 +115,11 @@ pub fn plan(
     match bricks::decide(&stock, &threads, options, progress) {
         Ok(Some(plan)) => {
             found.bricks = plan.bricks.len() as u64;
-            found.brick_bytes = plan.leaf_bytes;
+            found.brick_bytes = bricks::brick_bytes(&stock, &plan);
             found.peak_memory_bytes = plan.memory_bytes;
         }
-        Ok(None) | Err(RunError::Memory { .. } | RunError::Budget { .. }) => {}
+        Ok(None)
+        | Err(RunError::Memory { .. } | RunError::Whole { .. } | RunError::Budget { .. }) => {}
         Err(other) => return Err(other),
     }
     Ok(found)

@@ -61,7 +61,7 @@ pub enum LeafFileError {
         source: io::Error,
     },
     /// It is not whole, or not what was asked for.
-    #[error("{}: {found}; expected a whole leaf file of {expected}", .path.display())]
+    #[error("{}: {found}; expected a whole file of {expected}", .path.display())]
     Unfit {
         /// The file.
         path: PathBuf,
@@ -319,7 +319,7 @@ fn entry(bytes: &[u8]) -> Chunk {
     }
 }
 
-fn digest(file: &mut File, bytes: u64) -> io::Result<[u8; 32]> {
+pub(super) fn digest(file: &mut File, bytes: u64) -> io::Result<[u8; 32]> {
     file.seek(SeekFrom::Start(0))?;
     let mut hasher = blake3::Hasher::new();
     let mut buffer = vec![0; 1 << 18];

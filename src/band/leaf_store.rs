@@ -5,7 +5,7 @@
 
 use super::flood::{flood, last};
 use super::leaf_file::{
-    Chunk, LeafFileError, LeafFileHead, StoredLeaf, inspect, leaf_at, read_range,
+    Chunk, LEAF_HEAD, LeafFileError, LeafFileHead, StoredLeaf, inspect, leaf_at, read_range,
 };
 use super::{BLOCK, LEAF, LeafBatch, Region, VOXELS};
 use crate::frame::Coord;
@@ -70,7 +70,7 @@ struct Sketch {
 
 impl Sketch {
     fn enter(&mut self, leaf: &StoredLeaf) {
-        let signs = leaf_signs(leaf);
+        let signs = leaf_signs(&leaf.mask, &leaf.active);
         let Some(&(_, begin)) = signs.first() else {
             return;
         };
@@ -103,12 +103,9 @@ impl Sketch {
 }
 
 /// Offsets of a leaf's active voxels, and whether they are inside; never empty.
-fn leaf_signs(leaf: &StoredLeaf) -> Vec<(usize, bool)> {
-    let offsets = (0..VOXELS).filter(|n| leaf.mask[n >> 6] >> (n & 63) & 1 == 1);
-    offsets
-        .zip(&leaf.active)
-        .map(|(n, &v)| (n, v < 0.0))
-        .collect()
+fn leaf_signs(mask: &[u64; 8], active: &[f32]) -> Vec<(usize, bool)> {
+    let offsets = (0..VOXELS).filter(|n| mask[n >> 6] >> (n & 63) & 1 == 1);
+    offsets.zip(active).map(|(n, &v)| (n, v < 0.0)).collect()
 }
 
 /// A node of 4096^3 voxels as OpenVDB's tree has it.
@@ -281,6 +278,13 @@ impl LeafStore {
         self.blocks.get(&block).map(|b| &b.inside)
     }
 
+    /// The file that holds a block, and the block's active voxels; none where no leaf is.
+    pub fn place_of(&self, block: Coord) -> Option<(usize, u64)> {
+        let entry = self.blocks.get(&block)?;
+        let values = |c: &Chunk| (u64::from(c.bytes) - u64::from(c.leaves) * LEAF_HEAD as u64) / 4;
+        Some((entry.file, entry.chunks.iter().map(values).sum()))
+    }
+
     /// Half width of the band, world units.
     pub fn background(&self) -> f32 {
         self.background
@@ -321,7 +325,7 @@ impl LeafStore {
                 rest = &rest[used..];
                 let origin = leaf.origin(block);
                 if region.meets(origin, LEAF) {
-                    batch.push(origin, leaf.mask, &self.voxels(&leaf));
+                    batch.push(origin, leaf.mask, &self.filled(&leaf.mask, &leaf.active));
                 }
             }
         }
@@ -335,12 +339,12 @@ impl LeafStore {
         }
     }
 
-    /// All 512 values of a leaf.
-    fn voxels(&self, leaf: &StoredLeaf) -> [f32; VOXELS] {
+    /// All 512 values of a leaf from its active ones: the others get minus or plus the background.
+    pub fn filled(&self, mask: &[u64; 8], active: &[f32]) -> [f32; VOXELS] {
         let mut values = [0.0; VOXELS];
         let mut ends = [None; VOXELS];
-        let signs = leaf_signs(leaf);
-        for (&(n, inside), &v) in signs.iter().zip(&leaf.active) {
+        let signs = leaf_signs(mask, active);
+        for (&(n, inside), &v) in signs.iter().zip(active) {
             values[n] = v;
             ends[n] = Some(inside);
         }
@@ -442,10 +446,12 @@ fn reach(leaf: &StoredLeaf, block: Coord, known: Option<[Coord; 2]>) -> Option<[
     if known.is_some_and(within) {
         return None;
     }
-    let voxels = leaf_signs(leaf).into_iter().map(|(n, _)| {
-        let v = origin.offset((n >> 6) as i32, (n >> 3 & 7) as i32, (n & 7) as i32);
-        [v, v]
-    });
+    let voxels = leaf_signs(&leaf.mask, &leaf.active)
+        .into_iter()
+        .map(|(n, _)| {
+            let v = origin.offset((n >> 6) as i32, (n >> 3 & 7) as i32, (n & 7) as i32);
+            [v, v]
+        });
     voxels.fold(None, |b, v| merged(b, Some(v)))
 }
 

@@ -295,6 +295,7 @@ impl From<RunError> for Failure {
                     "--set band.voxel_size={fitting}, or --memory SIZE if the machine can take it"
                 )),
             ),
+            RunError::Whole { .. } => (DATA, Some("druse run without --bricks".to_owned())),
             RunError::Budget { .. } => (DATA, Some("--memory SIZE, or larger voxels".to_owned())),
             RunError::BrickSize { fitting, .. } => (
                 DATA,

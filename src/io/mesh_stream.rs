@@ -5,7 +5,7 @@
 //! the end.
 
 use super::atomic::AtomicFile;
-use super::mesh_view::Rows;
+use super::mesh_view::{Rows, VisitVertex};
 use super::{MeshFormat, StlStream, WriteError, obj, ply, threemf};
 use crate::frame::{LengthUnit, Vec3};
 use std::fs::File;
@@ -23,6 +23,8 @@ pub struct MeshPart<'a> {
     pub triangles: &'a [[u32; 3]],
     /// The same in numbers of the whole.
     pub numbered: &'a [[u32; 3]],
+    /// The numbers of the new vertices, vertex by vertex, as many each as the file has names for.
+    pub numbers: &'a [f32],
     /// Factor on every coordinate.
     pub factor: f64,
 }
@@ -43,24 +45,32 @@ struct Spool {
     vertices: BufWriter<File>,
     triangles: BufWriter<File>,
     counts: [u64; 2],
+    names: Vec<String>,
 }
 
 impl MeshStream {
-    /// Begins a file, of the format that its extension says.
+    /// Begins a file, of the format that its extension says, with a name for each number at a vertex.
     ///
     /// # Errors
-    /// [`WriteError`] when the extension is none of a mesh, or the directory cannot be written to.
-    pub fn create(path: &Path, unit: LengthUnit) -> Result<Self, WriteError> {
-        let Some(format) = MeshFormat::of(path) else {
-            return Err(WriteError::Format {
-                path: path.to_owned(),
-                reason: "no extension of a mesh; expected .stl, .ply, .obj or .3mf".into(),
-            });
+    /// [`WriteError`] when the extension is none of a mesh, or of one without numbers, or the directory
+    /// cannot be written to.
+    pub fn create(path: &Path, unit: LengthUnit, names: Vec<String>) -> Result<Self, WriteError> {
+        let wrong = |reason: &str| WriteError::Format {
+            path: path.to_owned(),
+            reason: reason.to_owned(),
         };
+        let Some(format) = MeshFormat::of(path) else {
+            return Err(wrong(
+                "no extension of a mesh; expected .stl, .ply, .obj or .3mf",
+            ));
+        };
+        if !names.is_empty() && format != MeshFormat::Ply {
+            return Err(wrong("numbers at the vertices; expected .ply for them"));
+        }
         let kind = if format == MeshFormat::Stl {
             Kind::Stl(StlStream::create(path, unit)?)
         } else {
-            Kind::Spooled(format, Spool::beside(path)?)
+            Kind::Spooled(format, Spool::beside(path, names)?)
         };
         Ok(Self {
             path: path.to_owned(),
@@ -121,7 +131,7 @@ fn spooled(path: &Path, written: u64, error: io::Error) -> WriteError {
 }
 
 impl Spool {
-    fn beside(path: &Path) -> Result<Self, WriteError> {
+    fn beside(path: &Path, names: Vec<String>) -> Result<Self, WriteError> {
         let parent = path.parent().filter(|p| !p.as_os_str().is_empty());
         let directory = parent.unwrap_or(Path::new("."));
         let file = || {
@@ -135,17 +145,22 @@ impl Spool {
             vertices: file()?,
             triangles: file()?,
             counts: [0; 2],
+            names,
         })
     }
 
     fn bytes(&self) -> u64 {
-        24 * self.counts[0] + 12 * self.counts[1]
+        (24 + 4 * self.names.len() as u64) * self.counts[0] + 12 * self.counts[1]
     }
 
     fn add(&mut self, part: MeshPart) -> io::Result<()> {
-        for v in &part.vertices[..part.owned] {
+        let width = self.names.len();
+        for (n, v) in part.vertices[..part.owned].iter().enumerate() {
             for c in v {
                 self.vertices.write_all(&(c * part.factor).to_le_bytes())?;
+            }
+            for number in &part.numbers[n * width..(n + 1) * width] {
+                self.vertices.write_all(&number.to_le_bytes())?;
             }
         }
         for corner in part.numbered.as_flattened() {
@@ -166,6 +181,7 @@ impl Spool {
             vertices: again(self.vertices)?,
             triangles: again(self.triangles)?,
             counts: self.counts,
+            names: self.names,
         })
     }
 }
@@ -175,6 +191,7 @@ struct SpooledRows {
     vertices: BufReader<File>,
     triangles: BufReader<File>,
     counts: [u64; 2],
+    names: Vec<String>,
 }
 
 /// The next `N` pieces of `M` bytes each.
@@ -188,10 +205,18 @@ impl Rows for SpooledRows {
     fn counts(&self) -> [u64; 2] {
         self.counts
     }
-    fn each_vertex(&mut self, visit: &mut dyn FnMut(Vec3) -> io::Result<()>) -> io::Result<()> {
+    fn names(&self) -> Vec<&str> {
+        self.names.iter().map(String::as_str).collect()
+    }
+    fn each_vertex(&mut self, visit: &mut VisitVertex) -> io::Result<()> {
+        let mut numbers = vec![0.0; self.names.len()];
         for _ in 0..self.counts[0] {
             let [x, y, z] = pieces(&mut self.vertices)?.map(f64::from_le_bytes);
-            visit(Vec3::new(x, y, z))?;
+            for number in &mut numbers {
+                let [own] = pieces(&mut self.vertices)?.map(f32::from_le_bytes);
+                *number = own;
+            }
+            visit(Vec3::new(x, y, z), &numbers)?;
         }
         Ok(())
     }

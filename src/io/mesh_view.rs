@@ -4,16 +4,17 @@ use crate::frame::Vec3;
 use crate::mesh::{QuadMesh, TriMesh};
 use std::io;
 
+/// Takes a vertex and its numbers.
+pub(super) type VisitVertex<'a> = dyn FnMut(Vec3, &[f32]) -> io::Result<()> + 'a;
+
 /// What the writers of mesh files pass over once: vertices, then faces.
 pub(super) trait Rows {
     /// Vertices and faces.
     fn counts(&self) -> [u64; 2];
-    /// Numbers at the vertices.
-    fn attributes(&self) -> &[VertexAttribute] {
-        &[]
-    }
-    /// Every vertex in order, scaled.
-    fn each_vertex(&mut self, visit: &mut dyn FnMut(Vec3) -> io::Result<()>) -> io::Result<()>;
+    /// A name for each number at a vertex.
+    fn names(&self) -> Vec<&str>;
+    /// Every vertex in order, scaled, with its numbers.
+    fn each_vertex(&mut self, visit: &mut VisitVertex) -> io::Result<()>;
     /// The corners of every face in order, three or four.
     fn each_face(&mut self, visit: &mut dyn FnMut(&[u32]) -> io::Result<()>) -> io::Result<()>;
 }
@@ -22,11 +23,19 @@ impl Rows for MeshView<'_> {
     fn counts(&self) -> [u64; 2] {
         [self.vertices.len(), self.faces.len()].map(|n| n as u64)
     }
-    fn attributes(&self) -> &[VertexAttribute] {
-        self.attributes
+    fn names(&self) -> Vec<&str> {
+        let names = self.attributes.iter().flat_map(|a| &a.names);
+        names.map(String::as_str).collect()
     }
-    fn each_vertex(&mut self, visit: &mut dyn FnMut(Vec3) -> io::Result<()>) -> io::Result<()> {
-        self.points().try_for_each(visit)
+    fn each_vertex(&mut self, visit: &mut VisitVertex) -> io::Result<()> {
+        let mut numbers = Vec::new();
+        self.points().enumerate().try_for_each(|(n, point)| {
+            numbers.clear();
+            for a in self.attributes {
+                numbers.extend(&a.values[n * a.names.len()..(n + 1) * a.names.len()]);
+            }
+            visit(point, &numbers)
+        })
     }
     fn each_face(&mut self, visit: &mut dyn FnMut(&[u32]) -> io::Result<()>) -> io::Result<()> {
         (0..self.faces.len()).try_for_each(|face| visit(self.faces.corners(face)))

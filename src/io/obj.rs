@@ -109,7 +109,7 @@ pub(super) fn read(mut source: Source) -> Result<MeshFile, ReadError> {
 /// Writes text with numbers that read back exactly.
 pub(super) fn write(out: &mut dyn Write, rows: &mut dyn Rows, unit: LengthUnit) -> io::Result<()> {
     writeln!(out, "# druse unit={unit}")?;
-    rows.each_vertex(&mut |v| writeln!(out, "v {:?} {:?} {:?}", v.x, v.y, v.z))?;
+    rows.each_vertex(&mut |v, _| writeln!(out, "v {:?} {:?} {:?}", v.x, v.y, v.z))?;
     rows.each_face(&mut |corners| {
         write!(out, "f")?;
         for &v in corners {

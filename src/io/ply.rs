@@ -436,8 +436,7 @@ fn head(rows: &dyn Rows, unit: LengthUnit) -> String {
     } else {
         "uint"
     };
-    let names = rows.attributes().iter().flat_map(|a| &a.names);
-    let extra = names.fold(String::new(), |all, name| {
+    let extra = rows.names().iter().fold(String::new(), |all, name| {
         all + "property float " + name + "\n"
     });
     format!(
@@ -466,18 +465,12 @@ pub(super) fn size(mesh: &MeshView, unit: LengthUnit) -> u64 {
 pub(super) fn write(out: &mut dyn Write, rows: &mut dyn Rows, unit: LengthUnit) -> io::Result<()> {
     out.write_all(head(rows, unit).as_bytes())?;
     let mut row = Vec::new();
-    let attributes = rows.attributes().to_vec();
-    let mut n = 0;
-    rows.each_vertex(&mut |v| {
+    rows.each_vertex(&mut |v, numbers| {
         row.clear();
         for c in [v.x, v.y, v.z] {
             row.extend((c as f32).to_le_bytes());
         }
-        for a in &attributes {
-            let own = &a.values[n * a.names.len()..(n + 1) * a.names.len()];
-            row.extend(own.iter().flat_map(|c| c.to_le_bytes()));
-        }
-        n += 1;
+        row.extend(numbers.iter().flat_map(|c| c.to_le_bytes()));
         out.write_all(&row)
     })?;
     rows.each_face(&mut |corners| {

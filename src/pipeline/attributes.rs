@@ -72,8 +72,13 @@ impl<'a> Attributes<'a> {
         &self.words
     }
 
+    /// Numbers at each point.
+    pub fn row(&self) -> usize {
+        self.words.iter().map(GridWord::components).sum()
+    }
+
     /// All numbers at points, one after the other.
-    fn numbers(&self, points: impl Iterator<Item = Vec3>) -> Vec<f32> {
+    pub fn numbers(&self, points: impl Iterator<Item = Vec3>) -> Vec<f32> {
         let mut out = Vec::new();
         for p in points {
             let spot = self.filling.as_ref().and_then(|f| Some((f, f.spot(p)?)));
@@ -123,17 +128,26 @@ impl<'a> Attributes<'a> {
             .map_err(RunError::level_set("grids"))
     }
 
-    /// As numbers at vertices.
-    pub fn at_vertices(&self, bench: Bench, vertices: &[Vec3]) -> Vec<VertexAttribute> {
+    /// All numbers at points, point by point.
+    pub fn rows(&self, bench: Bench, points: &[Vec3]) -> Vec<f32> {
         if self.words.is_empty() {
             return Vec::new();
         }
-        let all: Vec<f32> = bench.threads.install(|| {
-            let chunks = vertices.par_chunks(4096);
+        bench.threads.install(|| {
+            let chunks = points.par_chunks(4096);
             let numbers = chunks.flat_map_iter(|c| self.numbers(c.iter().copied()));
             numbers.collect()
-        });
-        let row: usize = self.words.iter().map(GridWord::components).sum();
+        })
+    }
+
+    /// A name for each number of a point.
+    pub fn names(&self) -> Vec<String> {
+        self.words.iter().flat_map(names).collect()
+    }
+
+    /// As numbers at vertices.
+    pub fn at_vertices(&self, bench: Bench, vertices: &[Vec3]) -> Vec<VertexAttribute> {
+        let all = self.rows(bench, vertices);
         let mut start = 0;
         self.words
             .iter()
@@ -141,7 +155,7 @@ impl<'a> Attributes<'a> {
                 let count = word.components();
                 let own = start..start + count;
                 start += count;
-                let rows = all.chunks_exact(row);
+                let rows = all.chunks_exact(self.row());
                 VertexAttribute {
                     names: names(word),
                     values: rows.flat_map(|r| r[own.clone()].to_vec()).collect(),

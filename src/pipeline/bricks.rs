@@ -2,9 +2,10 @@
 //!
 //! A **brick** is a box of blocks of 128^3 voxels. It is sampled for itself, with a halo as wide as the
 //! operations reach, operated on, cropped, and kept as a leaf file: complete, checked, or not there.
-//! The leaf files together are the band; they are measured and written to ordinary files brick by
-//! brick. No value depends on the bricks, so the content hash is that of the run in memory, whatever
-//! their size, the threads, or how often the work was stopped.
+//! The leaf files together are the band, and number files beside them are what it is shaded by; they
+//! are measured and written to ordinary files brick by brick. No value depends on the bricks, so the
+//! content hash is that of the run in memory, whatever their size, the threads, or how often the work
+//! was stopped.
 
 use super::error::RunError;
 use super::estimate::{self, Counts};
@@ -30,8 +31,11 @@ mod farm;
 mod gather;
 mod later;
 mod measure;
+mod meshes;
+mod numbers;
 mod plan;
 mod reach;
+mod volumes;
 mod walls;
 
 pub use farm::{brick_plan, make_bricks, merge_bricks};
@@ -65,6 +69,8 @@ impl Progress for Quiet<'_> {
 struct Yard<'a> {
     pub stock: &'a Stock<'a>,
     pub plan: BrickPlan,
+    /// The plan's.
+    digest: [u8; 32],
     pub passes: Vec<Pass>,
     /// Where the leaf files are.
     pub directory: PathBuf,
@@ -82,6 +88,7 @@ impl<'a> Yard<'a> {
     ) -> Self {
         Self {
             stock,
+            digest: plan.digest(),
             plan,
             passes: passes(stock.recipe, stock.pointwise()),
             directory,
@@ -94,7 +101,7 @@ impl<'a> Yard<'a> {
     pub fn file(&self, pass: usize, brick: usize) -> (PathBuf, LeafFileHead) {
         let recipe = self.stock.recipe;
         let background = recipe.sections().band.half_width.0 * recipe.scale().voxel_size;
-        let mut digest = self.plan.digest();
+        let mut digest = self.digest;
         let mut name = format!("brick-{brick:06}.leaves");
         if pass > 0 {
             let of_pass = [&digest[..], &(pass as u64).to_le_bytes()].concat();
@@ -297,6 +304,12 @@ pub(super) fn decide(
     layout(stock, &found, &counts, threads, progress).map(Some)
 }
 
+/// Bytes that the files of a plan's bricks take until the outputs are written.
+pub(super) fn brick_bytes(stock: &Stock, plan: &BrickPlan) -> u64 {
+    let passes = passes(stock.recipe, stock.pointwise());
+    budget::brick_bytes(stock, passes.len(), plan.leaf_bytes)
+}
+
 /// A whole run through bricks. They are kept beside the outputs until all is written: a run that was
 /// stopped goes on from there.
 pub(super) fn run(
@@ -318,7 +331,7 @@ pub(super) fn run(
         remove_abandoned(path, clock.began);
     }
     let yard = Yard::new(stock, plan, directory, threads, clock.progress);
-    let bricks = yard.plan.leaf_bytes * yard.passes.len() as u64;
+    let bricks = budget::brick_bytes(stock, yard.passes.len(), yard.plan.leaf_bytes);
     let all = bricks + estimate::disk(stock, threads, yard.plan.leaf_bytes);
     let there = size_of(&yard.directory);
     let checked = check_disk(&yard.directory, all.saturating_sub(there));

@@ -97,6 +97,17 @@ pub enum RunError {
         /// Why it cannot go through in bricks.
         reason: String,
     },
+    /// Bricks are asked for of a run that has room as a whole, and cannot go through them.
+    #[error(
+        "this run cannot go through bricks: {reason}; as a whole it needs about {} of memory, which is there",
+        gibibytes(*needed)
+    )]
+    Whole {
+        /// Predicted peak, bytes.
+        needed: u64,
+        /// Why it cannot go through bricks.
+        reason: String,
+    },
     /// Not even one brick fits into the memory that may be used.
     #[error(
         "this run goes through bricks and needs at least {} of memory even so; the budget is {}",

@@ -14,7 +14,7 @@ use super::stock::Stock;
 use crate::band::{Band, Sampling};
 use crate::frame::Transform;
 use crate::progress::{Progress, Threads};
-use crate::recipe::{Op, Output, OutputKind, Scale};
+use crate::recipe::{GridWord, Op, Output, OutputKind, Scale};
 use serde::Serialize;
 
 /// Predicted needs of a run.
@@ -36,7 +36,7 @@ pub struct Estimate {
     pub disk_bytes: u64,
     /// Bricks that the run goes through; 0 when it is in memory as a whole.
     pub bricks: u64,
-    /// Bytes of the bricks' leaf files.
+    /// Bytes of the bricks' files, which the run removes at its end.
     pub brick_bytes: u64,
     /// Wall time; the least certain of all.
     pub seconds: f64,
@@ -115,7 +115,7 @@ pub(super) fn shortage(
     Ok((needed > available).then_some(Shortage { counts, available }))
 }
 
-/// The error of a run for which there is too little memory, and that cannot go through bricks.
+/// The error of a run that cannot go through bricks, for which there may be too little memory.
 pub(super) fn shortage_error(
     stock: &Stock,
     threads: &Threads,
@@ -124,6 +124,9 @@ pub(super) fn shortage_error(
     reason: String,
 ) -> RunError {
     let needed = predict(stock, threads, counts).peak_memory_bytes;
+    if needed <= available {
+        return RunError::Whole { needed, reason };
+    }
     let h = stock.recipe.scale().voxel_size;
     let base = memory::resident() as f64;
     let growth = (needed as f64 - base) / (available as f64 * 0.95 - base).max(1e6);
@@ -146,7 +149,8 @@ pub(super) fn disk(stock: &Stock, threads: &Threads, leaf_bytes: u64) -> u64 {
         blocks: 0.0,
         volume: 0.0,
         leaves_touched: 0.0,
-        leaves: 0.0,
+        // As 4 bytes a voxel and 66 a leaf would have it.
+        leaves: 0.3 * active / 66.0,
         most: 0.0,
         active,
         points: points_of(stock, active),
@@ -297,8 +301,7 @@ fn predict(stock: &Stock, threads: &Threads, c: &Counts) -> Estimate {
     for output in &sections.output {
         for (kind, path) in output.named() {
             disk += match kind {
-                // Masks twice, and a little more for each leaf; floats of which blosc saves an eighth.
-                OutputKind::Vdb => c.active * 3.5 + c.leaves * 153.0,
+                OutputKind::Vdb => grids_on_disk(&super::output::words(stock.recipe, output), c),
                 OutputKind::Mesh => {
                     let triangle = path.extension().map_or(50.0, |e| match e.to_str() {
                         Some("ply") => 19.0,
@@ -311,9 +314,13 @@ fn predict(stock: &Stock, threads: &Threads, c: &Counts) -> Estimate {
                 OutputKind::Picture => 0.25 * pixels(output),
                 OutputKind::Report => 4e3,
             };
-            // Beside what walls have left behind: a copy in the file's unit; rays and what they met.
+            // Beside what walls have left behind: a copy in the file's unit and the other grids; rays and
+            // what they met.
             let own = match kind {
-                OutputKind::Vdb => tree,
+                OutputKind::Vdb => {
+                    let words = super::output::words(stock.recipe, output);
+                    tree + grids_in_memory(&words, c)
+                }
                 OutputKind::Picture => pixels(output) * PIXEL_BYTES,
                 _ => continue,
             };
@@ -332,6 +339,36 @@ fn predict(stock: &Stock, threads: &Threads, c: &Counts) -> Estimate {
         brick_bytes: 0,
         seconds,
     }
+}
+
+/// Bytes of grids in a file: masks twice, and a little more for each leaf; floats of which blosc saves an
+/// eighth, more where neighbours are equal. Fog has the inner half of the band.
+fn grids_on_disk(words: &[GridWord], c: &Counts) -> f64 {
+    let masks = 153.0 * c.leaves;
+    let surface = masks + 3.5 * c.active;
+    let bytes = words.iter().map(|word| match word {
+        GridWord::Surface | GridWord::Thickness => surface,
+        GridWord::Density => 0.6 * surface,
+        GridWord::CellId | GridWord::ElementId => masks + 0.4 * c.active,
+        GridWord::Weight(_) => masks + c.active,
+        GridWord::Uvw | GridWord::Fold => masks + 7.0 * c.active,
+    });
+    bytes.sum()
+}
+
+/// Memory of the grids of a file beside the surface: fog from a copy; numbers as rows of all words, those
+/// of one, and in leaves.
+fn grids_in_memory(words: &[GridWord], c: &Counts) -> f64 {
+    let numbers = words.iter().filter(|w| w.is_attribute());
+    let components: usize = numbers.map(GridWord::components).sum();
+    let fog = f64::from(u8::from(words.contains(&GridWord::Density)));
+    let trees = fog + components as f64;
+    let rows = if components > 0 {
+        4.0 * (components as f64 + 3.0) * c.active
+    } else {
+        0.0
+    };
+    trees * c.leaves * LEAF_BYTES + rows
 }
 
 /// Memory of the largest picture of a run, bytes.

@@ -7,7 +7,7 @@ use super::output::Finished;
 use super::report::MeshFacts;
 use super::shape::shape;
 use crate::field::WorldField;
-use crate::frame::{LengthUnit, WorldPoint};
+use crate::frame::{LengthUnit, Vec3, WorldPoint};
 use crate::io::{MeshView, write_beams, write_mesh};
 use crate::mesh::{Projection, QuadMesh, TriMesh};
 use crate::recipe::{MesherWord, Output};
@@ -83,7 +83,11 @@ pub(super) fn write(
             .map_err(failed)?;
         facts.creased = Some(0);
         facts.kept = Some(0);
-        facts.error = Some(bench.threads.install(|| farthest(&mesh, &*exact.field)));
+        facts.error = Some(
+            bench
+                .threads
+                .install(|| farthest(mesh.vertices(), &*exact.field)),
+        );
         Surface::Triangles(Cow::Owned(mesh))
     } else {
         Surface::Triangles(Cow::Borrowed(plain))
@@ -105,9 +109,9 @@ pub(super) fn write(
     Ok(Some(facts))
 }
 
-/// Greatest magnitude of a field at the vertices of a mesh.
-fn farthest(mesh: &TriMesh, field: &WorldField) -> f64 {
-    let vertices = mesh.vertices().par_iter().with_min_len(256);
+/// Greatest magnitude of a field at vertices.
+pub(super) fn farthest(vertices: &[Vec3], field: &WorldField) -> f64 {
+    let vertices = vertices.par_iter().with_min_len(256);
     vertices
         .map(|&v| field.value(WorldPoint(v)).abs())
         .reduce(|| 0.0, f64::max)

@@ -138,7 +138,7 @@ pub(super) fn add_surface<'a>(
 }
 
 /// The grids of an output, in order.
-fn words(recipe: &Recipe, output: &Output) -> Vec<GridWord> {
+pub(super) fn words(recipe: &Recipe, output: &Output) -> Vec<GridWord> {
     let fog_alone = matches!(recipe.sections().op.last(), Some(Op::Fog(true)));
     let mut words = match &output.grids {
         Some(words) => words.clone(),

@@ -113,13 +113,15 @@ mod bridge {
         cut: f64,
     }
 
-    /// What a file says of a tree that nobody holds: its active voxels, the box of them, and the bytes
-    /// that it would take.
+    /// What a file says of a tree that nobody holds: its active voxels, the box of them, the bytes that
+    /// it would take, and the value and state of its tiles that lie inside.
     struct TreeFacts {
         box_min: [i32; 3],
         box_max: [i32; 3],
         active_voxels: i64,
         bytes: i64,
+        inside: f32,
+        inside_active: bool,
     }
 
     extern "Rust" {
@@ -366,15 +368,17 @@ mod bridge {
             host: &Host<'_>,
         ) -> Result<i32>;
 
-        /// Begins a file of one grid, given without leaves; what follows is written in the order of the
-        /// functions here. Keeps `host`: the caller's business.
+        /// Begins a file of grids that are given without leaves; what follows is written in the order
+        /// of the functions here, from `stream_grid` on for each of them, in their order. Keeps `host`:
+        /// the caller's business.
         fn stream_open(
             file: &FileOut,
             descriptor: i32,
             compression: u32,
-            facts: &TreeFacts,
             host: &Host<'_>,
         ) -> Result<UniquePtr<Stream>>;
+        /// Begins the grid with a number, of floats or of vectors.
+        fn stream_grid(stream: Pin<&mut Stream>, index: usize, facts: &TreeFacts) -> Result<()>;
         /// Inside tiles of 4096 voxels (3 coordinates each, sorted), and how many nodes follow.
         fn stream_root(stream: Pin<&mut Stream>, tiles: &[i32], nodes: u32) -> Result<()>;
         /// A node of 4096 voxels: 512 words each of slots with a block, and of tiles that are inside.
@@ -384,10 +388,22 @@ mod bridge {
             children: &[u64],
             inside: &[u64],
         ) -> Result<()>;
-        /// The masks and tiles of its next block.
-        fn stream_topology(stream: Pin<&mut Stream>, block: UniquePtr<Block>) -> Result<()>;
-        /// After all masks: the values of the blocks, in the same order.
-        fn stream_values(stream: Pin<&mut Stream>, block: UniquePtr<Block>) -> Result<()>;
+        /// Its next block: leaves (3 coordinates and 8 words each), and 64 words of tiles inside.
+        fn stream_topology(
+            stream: Pin<&mut Stream>,
+            origin: &[i32; 3],
+            leaves: &[i32],
+            masks: &[u64],
+            inside: &[u64],
+        ) -> Result<()>;
+        /// After all blocks of all nodes: their values in the same order, of each leaf all 512.
+        fn stream_values(
+            stream: Pin<&mut Stream>,
+            origin: &[i32; 3],
+            leaves: &[i32],
+            masks: &[u64],
+            values: &[f32],
+        ) -> Result<()>;
         /// Completes the file: 0, or the error number of the first write that failed.
         fn stream_close(stream: Pin<&mut Stream>) -> Result<i32>;
 

@@ -81,16 +81,21 @@ impl ContentHash {
         self.0.update(&bytes);
     }
 
-    /// Ends a grid with its active tiles, in order of origin.
-    pub fn tiles(&mut self, tiles: &[TileView]) {
-        self.0.update(&(tiles.len() as u64).to_le_bytes());
-        for tile in tiles {
-            for c in tile.origin.0 {
-                self.0.update(&c.to_le_bytes());
-            }
-            self.0.update(&tile.edge.to_le_bytes());
-            self.0.update(&positive_zero(tile.value).to_le_bytes());
+    /// Says how many active tiles follow and end the grid, in order of origin.
+    pub fn begin_tiles(&mut self, count: u64) {
+        self.0.update(&count.to_le_bytes());
+    }
+
+    /// Adds an active tile.
+    pub fn tile(&mut self, tile: &TileView) {
+        let mut bytes = [0; 20];
+        let words = tile.origin.0.iter().map(|c| c.to_le_bytes());
+        let value = positive_zero(tile.value).to_le_bytes();
+        let words = words.chain([tile.edge.to_le_bytes(), value]);
+        for (place, word) in bytes.chunks_exact_mut(4).zip(words) {
+            place.copy_from_slice(&word);
         }
+        self.0.update(&bytes);
     }
 
     /// Adds a grid of floats or vectors under a name.
@@ -117,7 +122,10 @@ impl ContentHash {
         }
         let mut tiles = tiles_of(grid, false)?;
         tiles.retain(|t| t.active);
-        self.tiles(&tiles);
+        self.begin_tiles(tiles.len() as u64);
+        for tile in &tiles {
+            self.tile(tile);
+        }
         Ok(())
     }
 }

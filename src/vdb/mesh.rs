@@ -50,12 +50,22 @@ impl LevelSet {
     /// of a larger level set, of which this is a part with the leaves above it. Regions that share no
     /// voxel share no triangle, and together they have all; vertices at their seams are equal to the last
     /// bit if each was made with the same `far`, the greatest coordinate of the whole in world units.
+    /// With a field its vertices are where that vanishes, as in [`LevelSet::to_mesh_on`].
     ///
     /// # Errors
     /// As [`LevelSet::to_mesh`], and [`VdbError::Mesher`] where leaves are missing.
-    pub fn patch(&self, region: Region, far: f64, session: Session<'_>) -> Result<Patch, VdbError> {
+    pub fn patch(
+        &self,
+        region: Region,
+        far: f64,
+        exact: Option<&WorldField>,
+        session: Session<'_>,
+    ) -> Result<Patch, VdbError> {
         let leaves = self.leaves()?;
-        let mesher = Mesher::new(self.transform).placed(self.origin);
+        let mut mesher = Mesher::new(self.transform).placed(self.origin);
+        if let Some(field) = exact {
+            mesher = mesher.on(field);
+        }
         let mesher = mesher.reaching(far);
         let made = session
             .threads

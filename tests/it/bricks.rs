@@ -9,6 +9,10 @@ use std::fs::File;
 use std::path::Path;
 
 #[cfg(feature = "vdb")]
+mod grids;
+#[cfg(feature = "vdb")]
+mod meshes;
+#[cfg(feature = "vdb")]
 mod pieces;
 #[cfg(feature = "vdb")]
 mod runs;
@@ -63,6 +67,7 @@ fn leaves_come_back_in_global_order_with_the_signs_between_them() {
             active += values.len() as u64;
             let set: u32 = mask.iter().map(|w| w.count_ones()).sum();
             assert_eq!(set as usize, values.len());
+            Ok(())
         })
         .unwrap();
     assert_eq!((leaves, active), (store.leaves(), store.active_voxels()));

@@ -16,11 +16,11 @@ impl LeafStore {
     /// Memory is bounded by [`LeafStore`]'s own, whatever the number of leaves.
     ///
     /// # Errors
-    /// [`StoreError`] when a file has changed since it was opened, or on cancelling.
+    /// [`StoreError`] when a file has changed since it was opened, on cancelling, or of `visit`.
     pub fn for_each_leaf(
         &self,
         progress: &dyn Progress,
-        mut visit: impl FnMut(Coord, &[u64; 8], &[f32]),
+        mut visit: impl FnMut(Coord, &[u64; 8], &[f32]) -> Result<(), StoreError>,
     ) -> Result<(), StoreError> {
         let mut slab: Vec<Cursor> = Vec::new();
         let mut blocks = self.blocks.iter().peekable();
@@ -42,7 +42,7 @@ impl LeafStore {
                     for place in (0..16).map(|y| x << 4 | y) {
                         for cursor in &mut *row {
                             while let Some(leaf) = cursor.next_at(self, place, ahead)? {
-                                visit(leaf.origin(cursor.origin), &leaf.mask, &leaf.active);
+                                visit(leaf.origin(cursor.origin), &leaf.mask, &leaf.active)?;
                             }
                         }
                     }

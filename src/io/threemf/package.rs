@@ -76,7 +76,7 @@ pub(in crate::io) fn write(
     let bytes = 64 * (vertices + 2 * triangles);
     package(out, (unit, "", bytes), |xml| {
         writeln!(xml, "<vertices>")?;
-        rows.each_vertex(&mut |v| vertex(xml, v))?;
+        rows.each_vertex(&mut |v, _| vertex(xml, v))?;
         writeln!(xml, "</vertices>\n<triangles>")?;
         rows.each_face(&mut |corners| match *corners {
             [a, b, c] if a != b && b != c && c != a => {

@@ -4,7 +4,9 @@ use super::super::error::RunError;
 use super::super::estimate::{self, Counts, LEAF_BYTES, copies};
 use super::super::memory;
 use super::super::stock::Stock;
+use super::volumes::attribute_words;
 use crate::progress::Threads;
+use crate::recipe::GridWord;
 use std::path::Path;
 
 /// Largest edge of a brick that is chosen, blocks.
@@ -18,6 +20,10 @@ const PER_THREAD: f64 = (14u64 << 20) as f64;
 const PER_POINT: f64 = 90.0;
 /// Memory that a block on disk keeps.
 const PER_BLOCK: f64 = 1300.0;
+/// Memory of a block's place in the file of one word.
+const PER_NUMBERS: f64 = 80.0;
+/// Memory of a number of each voxel in the leaves that are together while numbers are made.
+const ROW: f64 = (2u64 << 20) as f64;
 /// Memory of a leaf while pieces are chosen.
 const PER_LABEL: f64 = 12.0;
 /// A brick may hold so much more than the mean.
@@ -51,7 +57,8 @@ pub(crate) fn needs(
     };
     // Meshing: the leaves with a layer around them, and their points.
     let points = 0.25 * counts.active / counts.leaves.max(1.0);
-    let meshed = leaves(8.0) * (LEAF_BYTES + PER_POINT * points);
+    let numbers = 4.0 * most_at_vertices(stock) as f64;
+    let meshed = leaves(8.0) * (LEAF_BYTES + (PER_POINT + numbers) * points);
     // Of the leaves while pieces are chosen; a part of the solid under the rays of a picture.
     let chosen = if halo > 0 {
         PER_LABEL * counts.most
@@ -64,7 +71,24 @@ pub(crate) fn needs(
     } else {
         0.0
     };
-    (base + chosen + operated.max(meshed).max(seen)) as u64
+    // A block's leaves twice, as numbers and as a node; while numbers are made the rows of some leaves.
+    let words = attribute_words(stock.recipe);
+    let components = words.iter().map(GridWord::components);
+    let widest = components.clone().max().unwrap_or(1);
+    let rows = ROW * components.sum::<usize>() as f64;
+    let written = density * LEAF_BYTES * 2.0 * widest as f64 + rows;
+    let placed = PER_NUMBERS * words.len() as f64 * counts.blocks;
+    let greatest = operated.max(meshed).max(seen).max(written + placed);
+    (base + chosen + greatest) as u64
+}
+
+/// Numbers at each vertex of the mesh that has most.
+fn most_at_vertices(stock: &Stock) -> usize {
+    let outputs = stock.recipe.sections().output.iter();
+    let meshes = outputs.filter(|o| o.mesh.is_some());
+    let words = meshes.map(|o| o.grids.as_deref().unwrap_or_default());
+    let numbers = words.map(|w| w.iter().map(GridWord::components).sum());
+    numbers.max().unwrap_or(0)
 }
 
 /// The greatest edge of bricks, in blocks, that a budget has room for, or the one that is asked for.
@@ -98,6 +122,14 @@ pub(crate) fn edge_that_fits(
 /// Bytes of the leaf files.
 pub(crate) fn leaf_bytes(counts: &Counts) -> f64 {
     4.0 * counts.active + 66.0 * counts.leaves
+}
+
+/// Bytes of the files of all bricks: leaves after each pass, and the numbers that go with them.
+pub(crate) fn brick_bytes(stock: &Stock, passes: usize, leaf_bytes: u64) -> u64 {
+    let words = attribute_words(stock.recipe);
+    let components: usize = words.iter().map(GridWord::components).sum();
+    // Of a leaf file all but a few bytes are its voxels'.
+    leaf_bytes * (passes + components) as u64
 }
 
 /// Refuses a run for whose bricks or outputs the disk has no room.

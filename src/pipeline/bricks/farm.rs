@@ -4,6 +4,7 @@ use super::super::error::RunError;
 use super::super::report::Report;
 use super::super::stock::Stock;
 use super::super::{Clock, RunOptions, conclude, targets, threads};
+use super::budget::brick_bytes;
 use super::{BrickPlan, Yard, check_disk, estimate, gather, lay_out, layout, make_directory};
 use crate::progress::{Progress, Threads};
 use crate::recipe::Recipe;
@@ -18,7 +19,7 @@ const LARGEST: u64 = 256 << 20;
 /// Plans a run in bricks and writes the plan to a file.
 ///
 /// # Errors
-/// As [`run`](super::super::run); [`RunError::Memory`] for a recipe that cannot go through bricks.
+/// As [`run`](super::super::run); [`RunError::Memory`] or [`RunError::Whole`] for a recipe that cannot go through bricks.
 pub fn brick_plan(
     recipe: &Recipe,
     path: &Path,
@@ -96,7 +97,8 @@ pub fn merge_bricks(
     let out = options.out.clone().or(planned);
     let outputs = targets(&stock, out.as_deref())?;
     clock.lap("inputs")?;
-    let later = yard.plan.leaf_bytes * (yard.passes.len() - 1) as u64;
+    let leaves = yard.plan.leaf_bytes;
+    let later = brick_bytes(&stock, yard.passes.len(), leaves) - leaves;
     let files = estimate::disk(&stock, &threads, yard.plan.leaf_bytes);
     let place = outputs.files.first().map(|(_, path)| path.parent());
     check_disk(place.flatten().unwrap_or(Path::new(".")), later + files)?;

@@ -5,13 +5,11 @@ use super::super::operate::Bench;
 use super::super::report::{BandReport, BricksReport, OutputFile, SolidReport};
 use super::super::{Clock, Parts, Targets, output};
 use super::Yard;
-use super::measure::{MeshOut, measure, picture};
+use super::measure::{measure, picture};
+use super::meshes::Meshes;
+use super::volumes::Volumes;
 use super::walls::least_wall;
-use crate::band::LeafStore;
-use crate::io::MeshStream;
-use crate::io::atomic::StagedPath;
-use crate::recipe::{Output, OutputKind};
-use crate::vdb::{LevelSet, stored_components};
+use crate::vdb::stored_components;
 use std::path::Path;
 
 /// Opens all bricks, measures the solid and writes the outputs. `plan` is the plan's file, where the
@@ -29,18 +27,9 @@ pub(super) fn gather(
     let bench = Bench::new(recipe, yard.threads, yard.progress);
     let pieces = stored_components(&store, bench.scale.voxel_size, bench.session())?;
     clock.lap("pieces")?;
-    let mut meshes = Vec::new();
-    for (output, path) in targets.of(OutputKind::Mesh) {
-        let unit = output.unit_or_default(recipe.unit());
-        meshes.push(MeshOut {
-            file: MeshStream::create(path, unit)?,
-            factor: recipe.unit().to(unit),
-        });
-    }
+    let mut meshes = Meshes::create(yard, targets)?;
     let found = measure(yard, &store, &mut meshes)?;
-    for mesh in meshes {
-        mesh.file.commit()?;
-    }
+    let mut meshes = meshes.commit()?;
     clock.lap("mesh")?;
     let wall = if is_brief {
         None
@@ -49,6 +38,10 @@ pub(super) fn gather(
         clock.lap("walls")?;
         wall
     };
+    let volumes = Volumes::new(yard, &store, found.frame)?;
+    if volumes.are_shaded() {
+        clock.lap("grids")?;
+    }
     let mut outputs = Vec::new();
     for (output, path) in &targets.files {
         if output.picture.is_some() {
@@ -57,15 +50,15 @@ pub(super) fn gather(
             clock.lap("picture")?;
             continue;
         }
-        let unit = output.unit_or_default(recipe.unit());
-        let content_hash = match output.mesh {
-            Some(_) => None,
-            None => Some(write_vdb(bench, yard, output, path, &store)?),
-        };
-        outputs.push(OutputFile {
-            content_hash,
-            ..output::listed(path, Some(unit))?
-        });
+        if output.mesh.is_some() {
+            let unit = output.unit_or_default(recipe.unit());
+            outputs.push(OutputFile {
+                mesh: meshes.remove(path),
+                ..output::listed(path, Some(unit))?
+            });
+        } else {
+            outputs.extend(volumes.write(output, path)?);
+        }
         clock.lap("write")?;
     }
     let (asked, cell) = yard.stock.fractions();
@@ -97,21 +90,4 @@ pub(super) fn gather(
         }),
         outputs,
     })
-}
-
-fn write_vdb(
-    bench: Bench,
-    yard: &Yard,
-    output: &Output,
-    path: &Path,
-    store: &LeafStore,
-) -> Result<String, RunError> {
-    let staged = StagedPath::create(path)?;
-    let empty = LevelSet::empty(bench.transform()?, bench.half_width, bench.session())
-        .map_err(RunError::level_set("write"))?;
-    let mut file = output::vdb_file(bench, yard.stock, output, path)?;
-    output::add_surface(&mut file, output, ("surface", &empty))?;
-    let written = file.write_leaves_to(staged.path(), store)?;
-    staged.commit()?;
-    Ok(written.content_hash)
 }

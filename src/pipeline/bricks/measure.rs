@@ -1,18 +1,17 @@
-//! Volume, area and surface of a solid in bricks: each brick is meshed with the leaves around it, and
+//! Volume, area and pictures of a solid in bricks: each brick is meshed with the leaves around it, and
 //! keeps the triangles that are its own.
 
 use super::super::error::RunError;
 use super::super::operate::Bench;
 use super::later::part;
+use super::meshes::Meshes;
 use super::{Quiet, Yard};
 use crate::band::LeafStore;
 use crate::frame::{Aabb, Coord, Vec3};
 use crate::io::atomic::write_bytes;
-use crate::io::{MeshPart, MeshStream};
 use crate::mesh::TriMesh;
-use crate::mesher::{Patch, Welder};
 use crate::recipe::Output;
-use crate::vdb::{VdbError, render_parts};
+use crate::vdb::render_parts;
 use std::path::Path;
 
 /// Voxels around a brick that are meshed with it.
@@ -27,17 +26,11 @@ pub(super) struct Measured {
     pub frame: Aabb,
 }
 
-/// A mesh that is written while bricks pass, and the factor to its unit.
-pub(super) struct MeshOut {
-    pub file: MeshStream,
-    pub factor: f64,
-}
-
 /// Meshes all bricks; adds their triangles to the files.
 pub(super) fn measure(
     yard: &Yard,
     store: &LeafStore,
-    files: &mut [MeshOut],
+    files: &mut Meshes,
 ) -> Result<Measured, RunError> {
     let count = yard.plan.bricks.len();
     yard.progress.stage("mesh", Some(count as u64));
@@ -47,48 +40,34 @@ pub(super) fn measure(
         bounds: Aabb::EMPTY,
         frame: Aabb::EMPTY,
     };
-    let mut welder = Welder::default();
-    // Patches weld from the upper ones down.
-    for brick in (0..count).rev() {
-        let (patch, frame) = patch_of(yard, store, brick)?;
-        found.frame = found.frame.union(frame);
-        let unmade = |e: VdbError| RunError::level_set("mesh")(e);
-        if !files.is_empty() {
-            let numbered = welder.weld(&patch).map_err(|e| unmade(e.into()))?;
-            for out in &mut *files {
-                out.file.add(MeshPart {
-                    vertices: &patch.vertices,
-                    owned: patch.owned,
-                    triangles: &patch.triangles,
-                    numbered: &numbered,
-                    factor: out.factor,
-                })?;
-            }
-        }
-        let part = TriMesh::new(patch.vertices, patch.triangles).map_err(|e| unmade(e.into()))?;
-        // About the one origin: a part by itself is not closed.
-        let signed = |[a, b, c]: [Vec3; 3]| a.dot(&b.cross(&c)) / 6.0;
-        found.volume += part.iter_corners().map(signed).sum::<f64>();
-        found.area += part.area();
-        found.bounds = found.bounds.union(part.bounds());
-        yard.progress.advance(1);
-    }
-    Ok(found)
-}
-
-/// The mesh of one brick and the box around the solid there, world units.
-fn patch_of(yard: &Yard, store: &LeafStore, brick: usize) -> Result<(Patch, Aabb), RunError> {
-    let region = yard.plan.region(brick);
-    let grown = region.grown(LAYER);
     let quiet = Quiet(yard.progress);
     let bench = Bench::new(yard.stock.recipe, yard.threads, &quiet);
-    let solid = part(bench, store, grown, Coord([0; 3]))?;
+    let failed = RunError::level_set("mesh");
     let corners = store.bounds().into_iter().flatten();
     let far = corners.flat_map(|c| c.0).map(i32::unsigned_abs).max();
     let far = f64::from(far.unwrap_or(0)) * bench.scale.voxel_size;
-    let failed = RunError::level_set("mesh");
-    let mesh = solid.patch(region, far, bench.session());
-    Ok((mesh.map_err(&failed)?, solid.bounds().map_err(&failed)?))
+    // Patches weld from the upper ones down.
+    for brick in (0..count).rev() {
+        let region = yard.plan.region(brick);
+        let solid = part(bench, store, region.grown(LAYER), Coord([0; 3]))?;
+        found.frame = found.frame.union(solid.bounds().map_err(&failed)?);
+        let session = bench.session();
+        let patch = solid.patch(region, far, None, session).map_err(&failed)?;
+        files.add(bench, &patch, false)?;
+        let mesh = TriMesh::new(patch.vertices, patch.triangles).map_err(|e| failed(e.into()))?;
+        // About the one origin: a part by itself is not closed.
+        let signed = |[a, b, c]: [Vec3; 3]| a.dot(&b.cross(&c)) / 6.0;
+        found.volume += mesh.iter_corners().map(signed).sum::<f64>();
+        found.area += mesh.area();
+        found.bounds = found.bounds.union(mesh.bounds());
+        drop(mesh);
+        if let Some(field) = files.exact() {
+            let patch = solid.patch(region, far, Some(field), session);
+            files.add(bench, &patch.map_err(&failed)?, true)?;
+        }
+        yard.progress.advance(1);
+    }
+    Ok(found)
 }
 
 /// Writes a picture of the solid that fills `frame`.

@@ -5,6 +5,7 @@ use super::super::operate::unwanted;
 use crate::recipe::{GridWord, Kernel, MesherWord, Op, Output, OutputKind, Recipe, Size};
 use crate::vdb::{REMOVAL_REACH, Unwanted};
 use std::ops::Range;
+use std::path::Path;
 
 /// Voxels that a step of tracking reaches with the scheme of first order, and of fifth: three sweeps
 /// of the stencil and the voxel that the band grows by.
@@ -28,7 +29,7 @@ pub(crate) struct Pass {
 
 /// The passes of a recipe whose first `first` operations are done on the field; at least one.
 pub(crate) fn passes(recipe: &Recipe, first: usize) -> Vec<Pass> {
-    let ops = &recipe.sections().op;
+    let ops = of_solid(recipe);
     let mut passes = Vec::new();
     let mut start = first;
     for (n, op) in ops.iter().enumerate().skip(start) {
@@ -128,61 +129,85 @@ fn reach_of(op: &Op, recipe: &Recipe) -> f64 {
         }
 }
 
+/// The operations that make the solid: fog is a matter of the files.
+fn of_solid(recipe: &Recipe) -> &[Op] {
+    let ops = &recipe.sections().op;
+    let is_fog = matches!(ops.last(), Some(Op::Fog(_)));
+    &ops[..ops.len() - usize::from(is_fog)]
+}
+
 /// Why a recipe cannot go through bricks, if it cannot.
 pub(crate) fn refusal(recipe: &Recipe) -> Option<String> {
     let sections = recipe.sections();
-    for (n, op) in sections.op.iter().enumerate() {
-        let why = match op {
-            Op::Resample(_) => Some(
-                "moves voxels from brick to brick; leave it out and set band.voxel_size, or druse filter the written file on a machine that holds it",
-            ),
-            Op::Fog(true) => Some(
-                "makes a fog, which is whole in memory; leave it out, and druse filter the written file makes it",
-            ),
-            _ => None,
+    let moved = |op: &Op| matches!(op, Op::Resample(_));
+    if let Some(n) = sections.op.iter().position(moved) {
+        return Some(format!(
+            "op.{n}.resample moves voxels from brick to brick; leave it out and set band.voxel_size, or \
+             druse filter the written file on a machine that holds it"
+        ));
+    }
+    let outputs = sections.output.iter().enumerate();
+    let mut refused = outputs.filter_map(|(n, output)| {
+        let (kind, path) = output.named().first().copied()?;
+        let why = match kind {
+            OutputKind::Mesh => of_mesh(output),
+            OutputKind::Vdb => of_volume(output, path),
+            OutputKind::Picture | OutputKind::Report => None,
         };
-        if let Some(why) = why {
-            return Some(format!("op.{n}.{} {why}", op.name()));
-        }
-    }
-    for (n, output) in sections.output.iter().enumerate() {
-        for (kind, path) in output.named() {
-            let name = path.display();
-            match kind {
-                OutputKind::Mesh if refined(output) => {
-                    return Some(format!(
-                        "output.{n}, {name}: only the triangles of the level set as they are are streamed"
-                    ));
-                }
-                OutputKind::Vdb if enriched(output) => {
-                    return Some(format!(
-                        "output.{n}, {name}: only a .vdb with the grid \"surface\" alone is streamed"
-                    ));
-                }
-                _ => {}
-            }
-        }
-    }
-    None
+        Some(format!("output.{n}, {}: {}", path.display(), why?))
+    });
+    refused.next()
 }
 
-/// Whether a mesh is more than the triangles of the level set.
-fn refined(o: &Output) -> bool {
-    let better = o.project || o.sharp || o.quads || o.beams;
-    let foreign = o.mesher == Some(MesherWord::OpenVdb);
-    better || foreign || o.adaptivity.is_some() || o.decimate.is_some() || o.grids.is_some()
+/// What both kinds of files may not hold.
+const THICKNESS: &str = "\"thickness\" is that of the widest ball wherever it touches, which no part of the \
+    solid tells; leave it out, or write it with coarser voxels";
+
+fn wants_thickness(o: &Output) -> bool {
+    let words = o.grids.as_deref().unwrap_or_default();
+    words.contains(&GridWord::Thickness)
 }
 
-/// Whether a volume holds more than the level set.
-fn enriched(o: &Output) -> bool {
-    let alone = o
-        .grids
-        .as_ref()
-        .is_none_or(|g| g[..] == [GridWord::Surface]);
-    let is_vdb = o
-        .vdb
-        .as_ref()
-        .and_then(|p| p.extension())
-        .is_some_and(|e| e == "vdb");
-    !alone || !is_vdb || o.fog || o.usda || o.lod.is_some() || o.segments.is_some()
+/// Why a mesh is not streamed, if it is not.
+fn of_mesh(o: &Output) -> Option<&'static str> {
+    let foreign = o.mesher == Some(MesherWord::OpenVdb) || o.quads;
+    let merged = o.adaptivity.is_some_and(|a| a.0 > 0.0);
+    if foreign || o.sharp || merged {
+        return Some(
+            "quads, sharp, adaptivity and mesher = \"openvdb\" are OpenVDB's, whose meshes are whole in \
+             memory; leave them out for triangles, or druse mesh the written .vdb on a machine that holds it",
+        );
+    }
+    if o.decimate.is_some() {
+        return Some(
+            "decimate merges triangles wherever they are, which takes the whole mesh; leave it out and \
+             decimate the written mesh on a machine that holds it",
+        );
+    }
+    wants_thickness(o).then_some(THICKNESS)
+}
+
+/// Why a volume is not streamed, if it is not.
+fn of_volume(o: &Output, path: &Path) -> Option<&'static str> {
+    if path
+        .extension()
+        .is_none_or(|e| !e.eq_ignore_ascii_case("vdb"))
+    {
+        return Some(
+            "a .nvdb is one buffer, whole in memory; write a .vdb, which nanovdb_convert makes one of",
+        );
+    }
+    if o.lod.is_some() {
+        return Some(
+            "coarser copies are resampled as a whole; leave lod out, and run the recipe again with \
+             band.voxel_size of twice, four times ... the edge",
+        );
+    }
+    if o.segments.is_some() {
+        return Some(
+            "segments copies the solid piece by piece; leave it out, or choose pieces with keep_largest \
+             and drop_small",
+        );
+    }
+    wants_thickness(o).then_some(THICKNESS)
 }

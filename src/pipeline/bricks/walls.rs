@@ -71,7 +71,9 @@ fn cube_walls(
             .max()
             .unwrap_or(0),
     );
-    let patch = solid.patch(around, far, bench.session()).map_err(&failed)?;
+    let patch = solid
+        .patch(around, far, None, bench.session())
+        .map_err(&failed)?;
     let mesh = TriMesh::new(patch.vertices, patch.triangles).map_err(|e| failed(e.into()))?;
     let is_within = |p: &Vec3| {
         let voxel = p.map(|c| (c / h).floor() as i32);

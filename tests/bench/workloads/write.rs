@@ -8,7 +8,7 @@ use super::w1::Gyroid;
 use crate::Setting;
 use druse::band::{LeafFileHead, LeafFileWriter, LeafStore};
 use druse::progress::{Silent, Threads};
-use druse::vdb::{LevelSet, Session, VdbWriter};
+use druse::vdb::{LevelSet, Session, Streamed, VdbWriter};
 use std::fs::File;
 
 type Fault = std::boxed::Box<dyn std::error::Error>;
@@ -42,7 +42,9 @@ pub fn against_openvdb(setting: &Setting) -> Result<Vec<Found>, Fault> {
     let stream = || -> Result<u64, Fault> {
         let mut file = VdbWriter::new(&streamed, session)?;
         file.level_set("surface", &empty)?;
-        Ok(file.write_leaves_to(&streamed, &store)?.bytes)
+        Ok(file
+            .write_streamed_to(&streamed, &[Streamed::Surface(&store)])?
+            .bytes)
     };
     let archive = || -> Result<u64, Fault> {
         let mut file = VdbWriter::new(&whole, session)?;

@@ -2,7 +2,7 @@
 
 use super::ball;
 use druse::frame::LengthUnit;
-use druse::io::{MeshPart, MeshStream, WriteError, write_mesh};
+use druse::io::{MeshPart, MeshStream, VertexAttribute, WriteError, write_mesh};
 use druse::mesh::TriMesh;
 use std::fs;
 
@@ -23,14 +23,23 @@ fn a_mesh_that_comes_in_parts_is_written_as_one_that_comes_whole() {
     let directory = tempfile::tempdir().unwrap();
     for name in ["m.stl", "m.ply", "m.obj", "m.3mf"] {
         let path = directory.path().join(name);
-        let mut stream = MeshStream::create(&path, LengthUnit::Inch).unwrap();
+        let is_ply = name == "m.ply";
+        let names = ["a", "b"].map(str::to_owned);
+        let names = if is_ply { names.to_vec() } else { Vec::new() };
+        let row = names.len();
+        let mut stream = MeshStream::create(&path, LengthUnit::Inch, names.clone()).unwrap();
         let parts = [
             (&all[..half], half, &first, &first),
             (&places[..], own, &local, &second),
         ];
+        let numbers: Vec<f32> = (0..row * all.len()).map(|n| n as f32).collect();
+        let mut rest = &numbers[..];
         for (vertices, owned, triangles, numbered) in parts {
             let factor = 0.7;
+            let (numbers, after) = rest.split_at(row * owned);
+            rest = after;
             let part = MeshPart {
+                numbers,
                 vertices,
                 owned,
                 triangles,
@@ -43,12 +52,21 @@ fn a_mesh_that_comes_in_parts_is_written_as_one_that_comes_whole() {
         let size = stream.commit().unwrap();
         let streamed = fs::read(&path).unwrap();
         assert_eq!(size, streamed.len() as u64);
-        let view = druse::io::MeshView::from(&whole).scaled(0.7);
+        let attributes = [VertexAttribute {
+            names,
+            values: numbers,
+        }];
+        let view = druse::io::MeshView::from(&whole)
+            .scaled(0.7)
+            .with_attributes(if is_ply { &attributes } else { &[] });
         write_mesh(&path, view, LengthUnit::Inch).unwrap();
         assert!(fs::read(&path).unwrap() == streamed, "{name}");
     }
     let listed = fs::read_dir(directory.path()).unwrap().count();
     assert_eq!(listed, 4, "spools are left");
-    let wrong = MeshStream::create(&directory.path().join("m.png"), LengthUnit::Inch);
-    assert!(matches!(wrong, Err(WriteError::Format { .. })));
+    for (name, numbers) in [("m.png", 0), ("m.stl", 1)] {
+        let path = directory.path().join(name);
+        let wrong = MeshStream::create(&path, LengthUnit::Inch, vec!["a".into(); numbers]);
+        assert!(matches!(wrong, Err(WriteError::Format { .. })));
+    }
 }

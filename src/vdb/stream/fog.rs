@@ -1,0 +1,255 @@
+//! The fog of a level set on the disk, made leaf by leaf: what `LevelSet::to_fog` makes in memory.
+//!
+//! With m the least value of the level set, a voxel of value v < 0 has density v / m and is active;
+//! others have none, and leaves without any are gone. Tiles inside have density 1.
+
+use super::{BlockLeaves, Upper, along, slots};
+use crate::band::{LeafFileError, LeafStore, Region, StoreError, VOXELS};
+use crate::frame::Coord;
+use crate::progress::Cancelled;
+use crate::vdb::Session;
+use rayon::prelude::*;
+use std::collections::BTreeSet;
+
+/// A fog whose level set lies on the disk.
+pub struct StoredFog<'a> {
+    store: &'a LeafStore,
+    /// 1 / m.
+    weight: f32,
+    /// Blocks that hold any of its leaves.
+    blocks: BTreeSet<Coord>,
+    found: Found,
+}
+
+/// Leaves, active voxels and the box around them; of tiles also how many.
+#[derive(Clone, Copy, Default)]
+struct Found {
+    leaves: u64,
+    tiles: u64,
+    active: u64,
+    bounds: Option<[Coord; 2]>,
+}
+
+impl Found {
+    fn enter(&mut self, low: Coord, high: Coord) {
+        let [a, b] = self.bounds.unwrap_or([low, high]);
+        self.bounds = Some([
+            Coord([0, 1, 2].map(|n| a[n].min(low[n]))),
+            Coord([0, 1, 2].map(|n| b[n].max(high[n]))),
+        ]);
+    }
+
+    fn enter_tile(&mut self, origin: Coord, edge: i32) {
+        let end = edge - 1;
+        self.enter(origin, origin.offset(end, end, end));
+        self.tiles += 1;
+        self.active += (edge as u64).pow(3);
+    }
+}
+
+/// A leaf of fog: mask and all densities; none where there is none.
+fn density(values: &[f32; VOXELS], weight: f32) -> Option<([u64; 8], [f32; VOXELS])> {
+    let (mut mask, mut densities) = ([0; 8], [0.0; VOXELS]);
+    for (n, &v) in values.iter().enumerate() {
+        let d = if v > 0.0 { 0.0 } else { v * weight };
+        if d > 0.0 {
+            densities[n] = d;
+            mask[n >> 6] |= 1 << (n & 63);
+        }
+    }
+    (mask != [0; 8]).then_some((mask, densities))
+}
+
+impl<'a> StoredFog<'a> {
+    /// The fog of a level set: one look at all its leaves, and one before where it is too thin to have
+    /// voxels beyond the band.
+    ///
+    /// # Errors
+    /// [`StoreError`] when a file has changed since it was opened, or on cancelling.
+    pub fn new(store: &'a LeafStore, session: Session<'_>) -> Result<Self, StoreError> {
+        let blocks: Vec<Coord> = store.blocks().collect();
+        let progress = session.progress;
+        progress.stage("fog", Some(blocks.len() as u64));
+        let deep = |b: &Coord| {
+            store
+                .inside_slots(*b)
+                .is_some_and(|s| s.iter().any(|&w| w != 0))
+        };
+        let least = if blocks.iter().any(deep) {
+            -store.background()
+        } else {
+            let least = |block: &Coord| {
+                if progress.cancelled() {
+                    return Err(StoreError::from(Cancelled));
+                }
+                let leaves = store.read(*block, Region::EVERYWHERE)?;
+                let values = leaves.values.as_flattened().iter();
+                Ok(values.fold(f32::INFINITY, |a, &v| a.min(v)))
+            };
+            let all = || blocks.par_iter().map(least).collect::<Result<Vec<_>, _>>();
+            let all = session.threads.install(all)?;
+            all.into_iter().fold(f32::INFINITY, f32::min)
+        };
+        let mut fog = Self {
+            store,
+            weight: 1.0 / least,
+            blocks: BTreeSet::new(),
+            found: Found::default(),
+        };
+        let each = |block: &Coord| {
+            if progress.cancelled() {
+                return Err(StoreError::from(Cancelled));
+            }
+            let found = fog.look(*block)?;
+            progress.advance(1);
+            Ok(found)
+        };
+        let all = || blocks.par_iter().map(each).collect::<Result<Vec<_>, _>>();
+        let all: Vec<Found> = session.threads.install(all)?;
+        for (&block, own) in blocks.iter().zip(all).filter(|(_, own)| own.leaves > 0) {
+            fog.blocks.insert(block);
+            if let Some([low, high]) = own.bounds {
+                fog.found.enter(low, high);
+            }
+            fog.found.leaves += own.leaves;
+            fog.found.active += own.active;
+        }
+        let mut found = fog.found;
+        fog.for_each_tile(|origin, edge| found.enter_tile(origin, edge));
+        fog.found = found;
+        Ok(fog)
+    }
+
+    /// Leaves of fog in a block.
+    fn look(&self, block: Coord) -> Result<Found, LeafFileError> {
+        let mut found = Found::default();
+        let leaves = self.store.read(block, Region::EVERYWHERE)?;
+        for (origin, values) in leaves.origins.iter().zip(&leaves.values) {
+            let Some((mask, _)) = density(values, self.weight) else {
+                continue;
+            };
+            found.leaves += 1;
+            let voxel = |n: usize| {
+                let n = n as i32;
+                origin.offset(n >> 6, n >> 3 & 7, n & 7)
+            };
+            for v in slots(&mask).map(voxel) {
+                found.active += 1;
+                found.enter(v, v);
+            }
+        }
+        Ok(found)
+    }
+
+    pub(super) fn store(&self) -> &'a LeafStore {
+        self.store
+    }
+
+    pub(super) fn leaves(&self) -> u64 {
+        self.found.leaves
+    }
+
+    /// Number of active tiles.
+    pub(super) fn tiles(&self) -> u64 {
+        self.found.tiles
+    }
+
+    pub(super) fn active_voxels(&self) -> u64 {
+        self.found.active
+    }
+
+    pub(super) fn bounds(&self) -> Option<[Coord; 2]> {
+        self.found.bounds
+    }
+
+    /// Nodes of 4096^3 voxels that hold any of its leaves.
+    pub(super) fn uppers(&self) -> Vec<Upper> {
+        let kept = self.store.uppers().map(|u| {
+            let mut children = vec![0; u.children.len()];
+            for n in slots(&u.children) {
+                let block = u.origin.offset(along(n, 10), along(n, 5), along(n, 0));
+                children[n >> 6] |= u64::from(self.blocks.contains(&block)) << (n & 63);
+            }
+            Upper {
+                origin: u.origin,
+                children,
+                inside: u.inside.clone(),
+            }
+        });
+        kept.filter(|u| u.children.iter().any(|&w| w != 0))
+            .collect()
+    }
+
+    pub(super) fn block(&self, origin: Coord) -> Result<BlockLeaves, LeafFileError> {
+        let leaves = self.store.read(origin, Region::EVERYWHERE)?;
+        let mut made = BlockLeaves::default();
+        for (origin, values) in leaves.origins.iter().zip(&leaves.values) {
+            if let Some((mask, densities)) = density(values, self.weight) {
+                made.origins.push(*origin);
+                made.masks.push(mask);
+                made.values.extend(densities);
+            }
+        }
+        Ok(made)
+    }
+
+    /// Calls `visit` with every leaf in order of origin: its origin, mask and active densities.
+    pub(super) fn for_each_leaf(
+        &self,
+        progress: &dyn crate::progress::Progress,
+        mut visit: impl FnMut(Coord, &[u64; 8], &mut dyn Iterator<Item = f32>),
+    ) -> Result<(), StoreError> {
+        self.store.for_each_leaf(progress, |origin, mask, active| {
+            let values = self.store.filled(mask, active);
+            if let Some((mask, densities)) = density(&values, self.weight) {
+                visit(origin, &mask, &mut slots(&mask).map(|n| densities[n]));
+            }
+            Ok(())
+        })
+    }
+
+    /// Calls `visit` with every tile in order of origin: its least voxel and its edge.
+    pub(super) fn for_each_tile(&self, mut visit: impl FnMut(Coord, i32)) {
+        let uppers = self.uppers();
+        let whole = self.store.inside_uppers();
+        let begins = uppers.iter().map(|u| u.origin).chain(whole.iter().copied());
+        let slabs: BTreeSet<i32> = begins.map(|c| c[0]).collect();
+        for slab in slabs
+            .into_iter()
+            .flat_map(|x| (0..32).map(move |n| x + 128 * n))
+        {
+            let from = Coord([slab, i32::MIN, i32::MIN]);
+            let to = Coord([slab, i32::MAX, i32::MAX]);
+            let blocks: Vec<Coord> = self.blocks.range(from..=to).copied().collect();
+            for row in 0..16 {
+                // Tiles of all sizes with the same least x.
+                let mut tiles: Vec<(Coord, i32)> = Vec::new();
+                if row == 0 {
+                    let here = whole.iter().filter(|c| c[0] == slab);
+                    tiles.extend(here.map(|&c| (c, 4096)));
+                    for u in uppers
+                        .iter()
+                        .filter(|u| (u.origin[0]..u.origin[0] + 4096).contains(&slab))
+                    {
+                        let own = slots(&u.inside).map(|n| {
+                            (u.origin.offset(along(n, 10), along(n, 5), along(n, 0)), 128)
+                        });
+                        tiles.extend(own.filter(|t| t.0[0] == slab));
+                    }
+                }
+                for &block in &blocks {
+                    let inside = self.store.inside_slots(block).into_iter();
+                    let inside = inside.flat_map(|words| slots(&words[4 * row..4 * row + 4]));
+                    tiles.extend(inside.map(|n| {
+                        let (y, z) = ((n >> 4) as i32 * 8, (n & 15) as i32 * 8);
+                        (block.offset(row as i32 * 8, y, z), 8)
+                    }));
+                }
+                tiles.sort_unstable();
+                for (origin, edge) in tiles {
+                    visit(origin, edge);
+                }
+            }
+        }
+    }
+}

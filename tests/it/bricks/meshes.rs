@@ -1,0 +1,102 @@
+//! Meshes of bricks with what is asked of them beyond the triangles of the level set.
+
+use super::runs::options;
+use druse::pipeline::{Report, RunError, run};
+use druse::progress::Silent;
+use druse::recipe::Recipe;
+use std::fs;
+use std::path::Path;
+
+const TILED: &str = "druse = 1\nunit = \"mm\"\n[cell.p]\nsurface = \"schwarz_p\"\nvolume_fraction = 0.35\n[scaffold]\nbox = { size = [16, 16, 16], cell_size = 8 }\n[tiling]\ncell = \"p\"\n[band]\nvoxel_size = 0.25\n[[op]]\nunion = { sphere = { centre = [0.3, 0, 0], radius = 5 } }\n[[op]]\nkeep_largest = true\n";
+const STRUTS: &str = "druse = 1\nunit = \"mm\"\n[cell.k]\ngraph = \"bcc\"\nradius = 0.08\n[scaffold]\nbox = { size = [16, 16, 16], cell_size = 8 }\n[tiling]\ncell = \"k\"\n[band]\nvoxel_size = 0.25\n[[output]]\nmesh = \"a.3mf\"\nbeams = true\n[[output]]\nmesh = \"a.stl\"\n";
+
+/// Vertices of a binary `.ply` with their numbers, sorted.
+fn vertices(path: &Path) -> (String, Vec<Vec<[u8; 4]>>) {
+    let bytes = fs::read(path).unwrap();
+    let end = bytes
+        .windows(11)
+        .position(|w| w == b"end_header\n")
+        .unwrap()
+        + 11;
+    let head = String::from_utf8(bytes[..end].to_vec()).unwrap();
+    let width = head.matches("property float").count();
+    let count = head.lines().find_map(|l| l.strip_prefix("element vertex "));
+    let count: usize = count.unwrap().parse().unwrap();
+    let rows = bytes[end..].chunks_exact(4 * width).take(count);
+    let row = |r: &[u8]| r.chunks_exact(4).map(|c| c.try_into().unwrap()).collect();
+    let mut rows: Vec<Vec<[u8; 4]>> = rows.map(row).collect();
+    rows.sort_unstable();
+    (head, rows)
+}
+
+fn facts(report: &Report) -> Vec<serde_json::Value> {
+    let outputs = report.outputs.iter();
+    let facts = outputs.map(|o| serde_json::to_value(o.mesh.as_ref()).unwrap());
+    facts.collect()
+}
+
+#[test]
+fn vertices_on_the_exact_field_and_their_numbers_are_those_of_memory() {
+    let directory = tempfile::tempdir().unwrap();
+    let [whole, parts] = ["whole", "parts"].map(|n| directory.path().join(n));
+    let outputs = "[[output]]\nmesh = \"a.ply\"\nproject = true\ngrids = [\"element_id\", \"fold\", \"weight_p\"]\nunit = \"cm\"\n[[output]]\nmesh = \"b.ply\"\ngrids = [\"uvw\"]\n[[output]]\nmesh = \"c.stl\"\nproject = true\n";
+    let recipe = Recipe::parse(&format!("{TILED}{outputs}"), &[]).unwrap();
+    let one = run(&recipe, &options(&whole, None, 2), &Silent).unwrap();
+    for (bricks, threads) in [(1, 2), (2, 1)] {
+        let two = run(&recipe, &options(&parts, Some(bricks), threads), &Silent).unwrap();
+        assert_eq!(facts(&one), facts(&two));
+        for name in ["a.ply", "b.ply"] {
+            let [one, two] = [&whole, &parts].map(|p| vertices(&p.join(name)));
+            assert!(one == two, "{name}");
+        }
+        for name in ["a.ply", "c.stl"] {
+            let mesh = druse::io::read_mesh(parts.join(name)).unwrap().mesh;
+            assert!(druse::mesh::check(&mesh).is_sound(), "{name}");
+        }
+    }
+    let error = facts(&one)[0]["error"].as_f64().unwrap();
+    // As far as a vertex may be kept from the end of its edge.
+    assert!(error < 1.01e-3 * 0.25, "{error}");
+}
+
+#[test]
+fn beams_are_written_beside_bricks() {
+    let directory = tempfile::tempdir().unwrap();
+    let [whole, parts] = ["whole", "parts"].map(|n| directory.path().join(n));
+    let recipe = Recipe::parse(STRUTS, &[]).unwrap();
+    let one = run(&recipe, &options(&whole, None, 2), &Silent).unwrap();
+    let two = run(&recipe, &options(&parts, Some(1), 2), &Silent).unwrap();
+    assert_eq!(facts(&one), facts(&two));
+    let [a, b] = [&whole, &parts].map(|p| fs::read(p.join("a.3mf")).unwrap());
+    assert!(a == b);
+}
+
+#[test]
+fn what_files_cannot_be_streamed_say_what_to_do() {
+    let directory = tempfile::tempdir().unwrap();
+    for (output, wanted) in [
+        ("mesh = \"b.obj\"\nquads = true", "quads"),
+        ("mesh = \"b.stl\"\nsharp = true", "sharp"),
+        ("mesh = \"b.stl\"\nadaptivity = 0.5", "adaptivity"),
+        ("mesh = \"b.stl\"\nmesher = \"openvdb\"", "mesher"),
+        ("mesh = \"b.stl\"\ndecimate = 0.5", "decimate"),
+        ("mesh = \"b.ply\"\ngrids = [\"thickness\"]", "thickness"),
+        (
+            "vdb = \"b.vdb\"\ngrids = [\"surface\", \"thickness\"]",
+            "thickness",
+        ),
+        ("vdb = \"b.vdb\"\nlod = 2", "lod"),
+        ("vdb = \"b.vdb\"\nsegments = \"grids\"", "segments"),
+        ("vdb = \"b.nvdb\"", ".nvdb"),
+    ] {
+        let text = TILED.replace("[[op]]\nkeep_largest = true\n", "");
+        let recipe = Recipe::parse(&format!("{text}[[output]]\n{output}\n"), &[]).unwrap();
+        let error = run(&recipe, &options(directory.path(), Some(1), 1), &Silent).unwrap_err();
+        assert!(matches!(error, RunError::Whole { .. }), "{error}");
+        let error = error.to_string();
+        assert!(
+            error.contains("output.0, b.") && error.contains(wanted),
+            "{error}"
+        );
+    }
+}
