@@ -31,7 +31,7 @@ pub trait Lanes: Copy {
     type F: Copy;
     /// Four doubles.
     type D: Copy;
-    /// Two rows at a time.
+    /// Arithmetic on two rows at a time.
     type Two: Twice<Row = Self::F, Four = Self::D>;
     /// Two rows at a time.
     fn two(self) -> Self::Two;
@@ -159,6 +159,14 @@ pub fn code() -> Code {
 /// Whether work is done in the way of any processor.
 pub fn is_portable() -> bool {
     code() == Code::Portable
+}
+
+/// Whether results are the bits of any processor, by choice or for lack of fused multiplications.
+pub fn gives_portable_bits() -> bool {
+    #[cfg(target_arch = "x86_64")]
+    return is_portable() || level().is_none();
+    #[cfg(not(target_arch = "x86_64"))]
+    true
 }
 
 #[cfg(target_arch = "x86_64")]

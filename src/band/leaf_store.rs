@@ -28,7 +28,7 @@ pub enum StoreError {
     #[error(transparent)]
     File(#[from] LeafFileError),
     /// Files that are missing or unfit, with their numbers.
-    #[error("{} leaf files cannot be used: {}", .0.len(), first_of(.0))]
+    #[error("{} files of bricks cannot be used: {}", .0.len(), first_of(.0))]
     Unfit(Vec<(usize, LeafFileError)>),
     /// The user asked to stop.
     #[error(transparent)]

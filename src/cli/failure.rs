@@ -295,7 +295,7 @@ impl From<RunError> for Failure {
                     "--set band.voxel_size={fitting}, or --memory SIZE if the machine can take it"
                 )),
             ),
-            RunError::Whole { .. } => (DATA, Some("druse run without --bricks".to_owned())),
+            RunError::Whole { .. } => (DATA, Some("druse run RECIPE, without bricks".to_owned())),
             RunError::Budget { .. } => (DATA, Some("--memory SIZE, or larger voxels".to_owned())),
             RunError::BrickSize { fitting, .. } => (
                 DATA,
@@ -304,6 +304,7 @@ impl From<RunError> for Failure {
                     None => "--memory SIZE, or larger voxels".to_owned(),
                 }),
             ),
+            RunError::BrickSpan { fitting, .. } => (DATA, Some(format!("--bricks {fitting}"))),
             RunError::Disk { .. } => (IO, Some("--out DIR on another disk".to_owned())),
             RunError::Bricks { advice, .. } => (DATA, Some(advice)),
             RunError::Stopped { .. } => (

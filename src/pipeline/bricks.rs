@@ -399,9 +399,12 @@ fn lay_out(
     }
     let passes = passes(stock.recipe, stock.pointwise());
     let (halo, reach) = (widest(&passes), reach(&passes));
-    let edge = edge_that_fits(stock, threads, counts, halo, (budget, edge))?;
-    let span = edge as i32 * BLOCK + 2 * halo;
-    if halo > 0 && span > LARGEST_PART {
+    let fitting = match halo {
+        0 => i32::MAX,
+        _ => (LARGEST_PART - 2 * halo).max(0) / BLOCK,
+    };
+    if fitting == 0 {
+        let span = BLOCK + 2 * halo;
         let reason = format!(
             "its operations reach {halo} voxels, with which a brick spans {span}; at most {LARGEST_PART}"
         );
@@ -409,6 +412,16 @@ fn lay_out(
             stock, threads, counts, budget, reason,
         ));
     }
+    let fitting = fitting as u32;
+    if let Some(edge) = edge.filter(|&e| e > fitting) {
+        return Err(RunError::BrickSpan {
+            edge,
+            halo,
+            most: LARGEST_PART,
+            fitting,
+        });
+    }
+    let edge = edge_that_fits(stock, threads, counts, halo, (budget, edge))?.min(fitting);
     Ok(Layout { edge, halo, reach })
 }
 

@@ -99,7 +99,7 @@ pub enum RunError {
     },
     /// Bricks are asked for of a run that has room as a whole, and cannot go through them.
     #[error(
-        "this run cannot go through bricks: {reason}; as a whole it needs about {} of memory, which is there",
+        "this run cannot go through bricks: {reason}; as a whole it needs about {} of memory, which the budget has room for",
         gibibytes(*needed)
     )]
     Whole {
@@ -133,6 +133,20 @@ pub enum RunError {
         budget: u64,
         /// The largest that fit.
         fitting: Option<u32>,
+    },
+    /// Bricks of the size asked for span more voxels, with what operations reach, than are operated on together.
+    #[error(
+        "bricks of {edge} blocks a side (--bricks {edge}) and the {halo} voxels that the operations reach span more than {most} voxels; bricks of {fitting} do not"
+    )]
+    BrickSpan {
+        /// Blocks along an edge.
+        edge: u32,
+        /// Voxels around a brick.
+        halo: i32,
+        /// The most that a brick may span, voxels.
+        most: i32,
+        /// The largest that do, blocks.
+        fitting: u32,
     },
     /// The disk has no room for bricks and outputs.
     #[error(

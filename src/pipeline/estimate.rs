@@ -16,6 +16,7 @@ use crate::frame::Transform;
 use crate::progress::{Progress, Threads};
 use crate::recipe::{GridWord, Op, Output, OutputKind, Scale};
 use serde::Serialize;
+use std::path::Path;
 
 /// Predicted needs of a run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
@@ -142,7 +143,8 @@ pub(super) fn shortage_error(
     }
 }
 
-/// Bytes of all outputs of a band whose leaf files take so many.
+/// Bytes of all outputs of a run in bricks whose leaf files take so many, and of what is kept beside them
+/// until they are whole.
 pub(super) fn disk(stock: &Stock, threads: &Threads, leaf_bytes: u64) -> u64 {
     let active = leaf_bytes as f64 / 4.3;
     let counts = Counts {
@@ -156,7 +158,10 @@ pub(super) fn disk(stock: &Stock, threads: &Threads, leaf_bytes: u64) -> u64 {
         points: points_of(stock, active),
         seconds_per_leaf: 0.0,
     };
-    predict(stock, threads, &counts).disk_bytes
+    let outputs = stock.recipe.sections().output.iter();
+    let spools = outputs.filter_map(|o| Some(point_in_spool(o, o.mesh.as_deref()?)));
+    let spooled = counts.points * spools.sum::<f64>();
+    predict(stock, threads, &counts).disk_bytes + spooled as u64
 }
 
 /// Extra copies of the tree that the greediest operation makes.
@@ -291,10 +296,10 @@ fn predict(stock: &Stock, threads: &Threads, c: &Counts) -> Estimate {
         left = f64::max(left, 0.5 * copies * tree);
         seconds += c.active * ns * 1e-9 * speed;
     }
-    // Bytes per point, as the allocator keeps them: the finished mesh with what the mesher leaves
-    // behind, and the normals and the tree of points from which walls are measured.
-    let mesh = points * 125.0;
-    let walls = points * 45.0;
+    // Bytes per point: the finished mesh, and while walls are measured the normals, the tree of points and
+    // the balls.
+    let mesh = points * 50.0;
+    let walls = points * 70.0;
     peak = peak.max(tree + left + mesh + walls);
     seconds += c.active * 400e-9 * speed;
     let mut disk = 0.0;
@@ -302,29 +307,21 @@ fn predict(stock: &Stock, threads: &Threads, c: &Counts) -> Estimate {
         for (kind, path) in output.named() {
             disk += match kind {
                 OutputKind::Vdb => grids_on_disk(&super::output::words(stock.recipe, output), c),
-                OutputKind::Mesh => {
-                    let triangle = path.extension().map_or(50.0, |e| match e.to_str() {
-                        Some("ply") => 19.0,
-                        Some("obj") => 40.0,
-                        Some("3mf") => 10.5,
-                        _ => 50.0,
-                    });
-                    points * 2.0 * triangle
-                }
+                OutputKind::Mesh => points * point_on_disk(output, path),
                 OutputKind::Picture => 0.25 * pixels(output),
                 OutputKind::Report => 4e3,
             };
-            // Beside what walls have left behind: a copy in the file's unit and the other grids; rays and
-            // what they met.
+            // A copy in the file's unit and the other grids; a mesh of another kind; rays and what they met.
             let own = match kind {
                 OutputKind::Vdb => {
                     let words = super::output::words(stock.recipe, output);
                     tree + grids_in_memory(&words, c)
                 }
+                OutputKind::Mesh => points * point_in_memory(output),
                 OutputKind::Picture => pixels(output) * PIXEL_BYTES,
-                _ => continue,
+                OutputKind::Report => continue,
             };
-            peak = peak.max(tree + left + mesh + 0.6 * walls + own);
+            peak = peak.max(tree + left + mesh + own);
         }
     }
     Estimate {
@@ -339,6 +336,45 @@ fn predict(stock: &Stock, threads: &Threads, c: &Counts) -> Estimate {
         brick_bytes: 0,
         seconds,
     }
+}
+
+/// Bytes of a point of an output's mesh, beside the mesh that a run has anyway: another mesh, and numbers
+/// by point and by word.
+fn point_in_memory(output: &Output) -> f64 {
+    let mesh = if output.is_meshed_by_openvdb() || output.decimate.is_some() {
+        125.0
+    } else if output.project {
+        50.0
+    } else {
+        0.0
+    };
+    mesh + 8.0 * numbers_at_vertices(output) as f64
+}
+
+/// How many numbers an output's mesh has at each vertex.
+pub(super) fn numbers_at_vertices(output: &Output) -> usize {
+    let words = output.grids.as_deref().unwrap_or_default();
+    words.iter().map(GridWord::components).sum()
+}
+
+/// Bytes of a point of a mesh in a file; there are twice as many triangles.
+fn point_on_disk(output: &Output, path: &Path) -> f64 {
+    let numbers = 4.0 * numbers_at_vertices(output) as f64;
+    match path.extension().and_then(|e| e.to_str()) {
+        Some("ply") => 38.0 + numbers,
+        Some("obj") => 80.0,
+        Some("3mf") => 21.0,
+        _ => 100.0,
+    }
+}
+
+/// Bytes of what is kept of a mesh beside its file while bricks pass, for each point; of binary STL
+/// nothing is.
+fn point_in_spool(output: &Output, path: &Path) -> f64 {
+    if path.extension().is_some_and(|e| e == "stl") || output.beams {
+        return 0.0;
+    }
+    48.0 + 4.0 * numbers_at_vertices(output) as f64
 }
 
 /// Bytes of grids in a file: masks twice, and a little more for each leaf; floats of which blosc saves an

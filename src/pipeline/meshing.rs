@@ -10,7 +10,7 @@ use crate::field::WorldField;
 use crate::frame::{LengthUnit, Vec3, WorldPoint};
 use crate::io::{MeshView, write_beams, write_mesh};
 use crate::mesh::{Projection, QuadMesh, TriMesh};
-use crate::recipe::{MesherWord, Output};
+use crate::recipe::Output;
 use rayon::prelude::*;
 use std::borrow::Cow;
 use std::path::Path;
@@ -48,8 +48,7 @@ pub(super) fn write(
         return Ok(Some(facts));
     }
     let adaptivity = output.adaptivity.map_or(0.0, |a| a.0);
-    let foreign = output.mesher == Some(MesherWord::OpenVdb);
-    let of_quads = output.quads || output.sharp || adaptivity > 0.0 || foreign;
+    let of_quads = output.is_meshed_by_openvdb();
     let exact = (output.project || output.sharp)
         .then(|| shape(done.stock, bench.scale))
         .transpose()?;

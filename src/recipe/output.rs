@@ -179,6 +179,12 @@ impl Output {
         .collect()
     }
 
+    /// Whether its mesh is one that OpenVDB makes.
+    pub fn is_meshed_by_openvdb(&self) -> bool {
+        let merged = self.adaptivity.is_some_and(|a| a.0 > 0.0);
+        merged || self.quads || self.sharp || self.mesher == Some(MesherWord::OpenVdb)
+    }
+
     /// The unit of the file, given the recipe's.
     pub fn unit_or_default(&self, recipe: LengthUnit) -> LengthUnit {
         match self.unit {

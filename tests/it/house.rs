@@ -49,8 +49,8 @@ const MAY_USE: &[(&str, &[&str])] = &[
     (
         "pipeline",
         &[
-            "frame", "progress", "field", "mesh", "cell", "scaffold", "tiling", "band", "mesher",
-            "slice", "vdb", "io", "recipe", "symmetry", "polymesh",
+            "frame", "lanes", "progress", "field", "mesh", "cell", "scaffold", "tiling", "band",
+            "mesher", "slice", "vdb", "io", "recipe", "symmetry", "polymesh",
         ],
     ),
     (

@@ -17,7 +17,7 @@
 mod place;
 
 use super::grid::{Fold, Grid};
-use super::weights::{CUBIC, SLOPES, weights};
+use super::weights::{CUBIC, SLOPES, Weights};
 use crate::frame::CellPoint;
 use crate::lanes::{self, Lanes, Plain, Twice, Work};
 use place::Places;
@@ -64,52 +64,6 @@ pub(super) struct Spline {
     /// Where the last coefficients of the first plane start.
     last: f64,
     is_portable: bool,
-}
-
-/// Weights of the coefficients around the points of a group, or their derivatives.
-struct Weights {
-    /// By plane and point.
-    x: [[f32; GROUP]; 4],
-    /// By point.
-    y: [[f32; 4]; GROUP],
-    z: [[f32; 4]; GROUP],
-}
-
-impl Weights {
-    /// From their coefficients by powers of the place in the spline cell.
-    #[inline(always)]
-    fn new<L: Lanes, const N: usize>(lanes: L, places: &Places, powers: &[[f32; 4]; N]) -> Self {
-        let [x, y, z] = &places.within;
-        let mut by_plane = [[0.0; GROUP]; 4];
-        let along_x = weights(lanes, x, powers);
-        for (to, from) in by_plane.iter_mut().zip(along_x) {
-            lanes.store(from, to);
-        }
-        Self {
-            x: by_plane,
-            y: lanes.by_place(weights(lanes, y, powers)),
-            z: lanes.by_place(weights(lanes, z, powers)),
-        }
-    }
-
-    /// Of the four planes.
-    #[inline(always)]
-    fn x(&self, n: usize) -> [f32; 4] {
-        [self.x[0][n], self.x[1][n], self.x[2][n], self.x[3][n]]
-    }
-
-    /// Of the neighbours along y in the halves of a plane.
-    #[inline(always)]
-    fn y<L: Lanes>(&self, lanes: L, n: usize) -> [L::F; 2] {
-        let [a, b, c, d] = self.y[n];
-        [lanes.alternating([a, b]), lanes.alternating([c, d])]
-    }
-
-    /// Of the pairs along z.
-    #[inline(always)]
-    fn z<L: Lanes>(&self, lanes: L, n: usize) -> L::F {
-        lanes.doubled(self.z[n])
-    }
 }
 
 struct Values<'a>(&'a Spline, &'a [CellPoint<3>], &'a mut [f32]);
@@ -271,7 +225,7 @@ impl Spline {
     fn values_by<L: Lanes>(&self, lanes: L, points: &[CellPoint<3>], out: &mut [f32]) {
         for (points, out) in points.chunks(GROUP).zip(out.chunks_mut(GROUP)) {
             let places = self.places(lanes, points);
-            let weights = Weights::new(lanes, &places, &CUBIC);
+            let weights = Weights::new(lanes, &places.within, &CUBIC);
             let group = (&places, &weights);
             let low = self.sums(lanes, group, 0, out.len() == 1);
             if let Some(out) = out.first_chunk_mut::<GROUP>() {
@@ -292,8 +246,8 @@ impl Spline {
     fn samples_by<L: Lanes>(&self, lanes: L, points: &[CellPoint<3>], out: &mut [[f32; 4]]) {
         for (points, out) in points.chunks(GROUP).zip(out.chunks_mut(GROUP)) {
             let places = self.places(lanes, points);
-            let weights = Weights::new(lanes, &places, &CUBIC);
-            let slopes = Weights::new(lanes, &places, &SLOPES);
+            let weights = Weights::new(lanes, &places.within, &CUBIC);
+            let slopes = Weights::new(lanes, &places.within, &SLOPES);
             let scales = self.scales(lanes, &places);
             for (n, out) in out.iter_mut().enumerate() {
                 let at = places.at[n] as usize;

@@ -1,7 +1,7 @@
 //! What bricks cost: memory, and room on the disk.
 
 use super::super::error::RunError;
-use super::super::estimate::{self, Counts, LEAF_BYTES, copies};
+use super::super::estimate::{self, Counts, LEAF_BYTES, copies, numbers_at_vertices};
 use super::super::memory;
 use super::super::stock::Stock;
 use super::volumes::attribute_words;
@@ -86,9 +86,7 @@ pub(crate) fn needs(
 fn most_at_vertices(stock: &Stock) -> usize {
     let outputs = stock.recipe.sections().output.iter();
     let meshes = outputs.filter(|o| o.mesh.is_some());
-    let words = meshes.map(|o| o.grids.as_deref().unwrap_or_default());
-    let numbers = words.map(|w| w.iter().map(GridWord::components).sum());
-    numbers.max().unwrap_or(0)
+    meshes.map(numbers_at_vertices).max().unwrap_or(0)
 }
 
 /// The greatest edge of bricks, in blocks, that a budget has room for, or the one that is asked for.
@@ -130,6 +128,19 @@ pub(crate) fn brick_bytes(stock: &Stock, passes: usize, leaf_bytes: u64) -> u64 
     let components: usize = words.iter().map(GridWord::components).sum();
     // Of a leaf file all but a few bytes are its voxels'.
     leaf_bytes * (passes + components) as u64
+}
+
+/// Refuses a merge for whose bricks or outputs their disks, or the one that has both, have no room.
+pub(crate) fn check_disks(
+    (bricks, later): (&Path, u64),
+    (outputs, files): (&Path, u64),
+) -> Result<(), RunError> {
+    let number = |directory: &Path| rustix::fs::statvfs(directory).map(|fs| fs.f_fsid);
+    if number(bricks) == number(outputs) {
+        return check_disk(outputs, later + files);
+    }
+    check_disk(bricks, later)?;
+    check_disk(outputs, files)
 }
 
 /// Refuses a run for whose bricks or outputs the disk has no room.

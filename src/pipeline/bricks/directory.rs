@@ -68,6 +68,12 @@ pub(super) fn clear(directory: &Path, unwanted: impl Fn(&str) -> bool) {
     }
 }
 
+/// Whether a file was made of the first pass's bricks: of a later pass, or numbers.
+pub(super) fn is_derived(name: &str) -> bool {
+    // brick-000017.leaves, brick-000017.1.leaves, brick-000017.WORD.numbers
+    name.starts_with("brick-") && name.split('.').count() > 2
+}
+
 /// Bytes of all files.
 pub(super) fn size_of(directory: &Path) -> u64 {
     let entries = fs::read_dir(directory).into_iter().flatten().flatten();

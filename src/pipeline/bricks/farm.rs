@@ -4,7 +4,8 @@ use super::super::error::RunError;
 use super::super::report::Report;
 use super::super::stock::Stock;
 use super::super::{Clock, RunOptions, conclude, targets, threads};
-use super::budget::brick_bytes;
+use super::budget::{brick_bytes, check_disks};
+use super::directory::{clear, existing, is_derived, size_of};
 use super::{BrickPlan, Yard, check_disk, estimate, gather, lay_out, layout, make_directory};
 use crate::progress::{Progress, Threads};
 use crate::recipe::Recipe;
@@ -19,7 +20,8 @@ const LARGEST: u64 = 256 << 20;
 /// Plans a run in bricks and writes the plan to a file.
 ///
 /// # Errors
-/// As [`run`](super::super::run); [`RunError::Memory`] or [`RunError::Whole`] for a recipe that cannot go through bricks.
+/// As [`run`](super::super::run); [`RunError::Memory`] or [`RunError::Whole`] for a recipe that cannot go
+/// through bricks.
 pub fn brick_plan(
     recipe: &Recipe,
     path: &Path,
@@ -97,17 +99,22 @@ pub fn merge_bricks(
     let out = options.out.clone().or(planned);
     let outputs = targets(&stock, out.as_deref())?;
     clock.lap("inputs")?;
-    let leaves = yard.plan.leaf_bytes;
-    let later = brick_bytes(&stock, yard.passes.len(), leaves) - leaves;
+    let bricks = brick_bytes(&stock, yard.passes.len(), yard.plan.leaf_bytes);
+    let later = bricks.saturating_sub(size_of(&yard.directory));
     let files = estimate::disk(&stock, &threads, yard.plan.leaf_bytes);
-    let place = outputs.files.first().map(|(_, path)| path.parent());
-    check_disk(place.flatten().unwrap_or(Path::new(".")), later + files)?;
+    let place = outputs.files.first().and_then(|(_, path)| path.parent());
+    let place = existing(place.unwrap_or(Path::new(".")));
+    check_disks((&yard.directory, later), (place, files))?;
     let made = gather(&yard, Some(path), (&outputs, options.brief), &mut clock);
     let mut parts = made.map_err(|e| yard.stopped(e))?;
     if let Some(bricks) = &mut parts.bricks {
         bricks.found_whole = bricks.count;
     }
-    conclude(stock, parts, &threads, &outputs, clock)
+    let directory = yard.directory.clone();
+    let report = conclude(stock, parts, &threads, &outputs, clock)?;
+    // The bricks are the user's; what was made of them here is not needed again.
+    clear(&directory, is_derived);
+    Ok(report)
 }
 
 /// Where the bricks of a plan are: beside it.

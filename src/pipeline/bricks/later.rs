@@ -146,7 +146,11 @@ pub(super) fn part(
 }
 
 /// Bricks that are missing or damaged, with what makes them again.
-fn unfit(yard: &Yard, plan: Option<&Path>, faults: &[(usize, LeafFileError)]) -> RunError {
+pub(super) fn unfit(
+    yard: &Yard,
+    plan: Option<&Path>,
+    faults: &[(usize, LeafFileError)],
+) -> RunError {
     let missing = |e: &LeafFileError| match e {
         LeafFileError::Io { source, .. } => source.kind() == std::io::ErrorKind::NotFound,
         LeafFileError::Unfit { .. } => false,

@@ -1,15 +1,17 @@
 //! Mesh files of a solid in bricks: written while patches pass, each as its output wants it.
 
+use super::super::Targets;
 use super::super::attributes::Attributes;
+use super::super::beams::beams as beams_of;
 use super::super::error::RunError;
 use super::super::meshing::farthest;
 use super::super::operate::Bench;
 use super::super::report::MeshFacts;
 use super::super::shape::{Shape, shape};
-use super::super::{Targets, beams};
 use super::Yard;
 use crate::field::WorldField;
-use crate::io::{MeshPart, MeshStream, write_beams};
+use crate::frame::LengthUnit;
+use crate::io::{BeamLattice, MeshPart, MeshStream, write_beams};
 use crate::mesh::TriMesh;
 use crate::mesher::{Patch, Welder};
 use crate::recipe::OutputKind;
@@ -29,34 +31,41 @@ struct MeshOut<'a> {
     facts: MeshFacts,
 }
 
+/// Beams that are written with the meshes.
+struct BeamsOut {
+    path: PathBuf,
+    lattice: BeamLattice,
+    unit: LengthUnit,
+    factor: f64,
+}
+
 /// All mesh files of a run.
 pub(super) struct Meshes<'a> {
     outs: Vec<MeshOut<'a>>,
+    beams: Vec<BeamsOut>,
     /// The field that the solid is a sample of, where any vertices are moved onto it.
     exact: Option<Shape<'a>>,
     /// Of the triangles of the level set, and of the exact field.
     welders: [Welder; 2],
-    done: BTreeMap<PathBuf, MeshFacts>,
 }
 
 impl<'a> Meshes<'a> {
-    /// Begins all files; those of beams are written.
+    /// Begins all files.
     pub fn create(yard: &Yard<'a>, targets: &Targets) -> Result<Self, RunError> {
         let recipe = yard.stock.recipe;
         let bench = Bench::new(recipe, yard.threads, yard.progress);
-        let (mut outs, mut done) = (Vec::new(), BTreeMap::new());
+        let (mut outs, mut beams) = (Vec::new(), Vec::new());
         let nothing = TriMesh::default();
         for (output, path) in targets.of(OutputKind::Mesh) {
             let unit = output.unit_or_default(recipe.unit());
             let factor = recipe.unit().to(unit);
             if output.beams {
-                let lattice = beams::beams(yard.stock)?;
-                write_beams(path, &lattice, factor, unit)?;
-                let facts = MeshFacts {
-                    faces: lattice.beams.len() as u64,
-                    ..MeshFacts::default()
-                };
-                done.insert(path.clone(), facts);
+                beams.push(BeamsOut {
+                    path: path.clone(),
+                    lattice: beams_of(yard.stock)?,
+                    unit,
+                    factor,
+                });
                 continue;
             }
             let words = output.grids.as_deref().unwrap_or_default();
@@ -80,9 +89,9 @@ impl<'a> Meshes<'a> {
         let exact = wants_exact.then(|| shape(yard.stock, bench.scale));
         Ok(Self {
             outs,
+            beams,
             exact: exact.transpose()?,
             welders: Default::default(),
-            done,
         })
     }
 
@@ -123,11 +132,20 @@ impl<'a> Meshes<'a> {
     }
 
     /// Completes all files: what they are, by their paths.
-    pub fn commit(mut self) -> Result<BTreeMap<PathBuf, MeshFacts>, RunError> {
+    pub fn commit(self) -> Result<BTreeMap<PathBuf, MeshFacts>, RunError> {
+        let mut done = BTreeMap::new();
         for out in self.outs {
             out.file.commit()?;
-            self.done.insert(out.path, out.facts);
+            done.insert(out.path, out.facts);
         }
-        Ok(self.done)
+        for out in self.beams {
+            write_beams(&out.path, &out.lattice, out.factor, out.unit)?;
+            let facts = MeshFacts {
+                faces: out.lattice.beams.len() as u64,
+                ..MeshFacts::default()
+            };
+            done.insert(out.path, facts);
+        }
+        Ok(done)
     }
 }

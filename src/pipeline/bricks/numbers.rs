@@ -4,6 +4,7 @@
 use super::super::attributes::Attributes;
 use super::super::error::RunError;
 use super::super::operate::Bench;
+use super::later::unfit;
 use super::{Quiet, Yard, unwritten};
 use crate::band::{LeafBatch, LeafStore, NumberFileWriter, NumberStore, Region, StoreError};
 use crate::frame::Coord;
@@ -35,7 +36,10 @@ impl Yard<'_> {
         let files = bricks.map(|n| self.number_file(word, n)).collect();
         let width = word.components();
         let found = NumberStore::open(files, width, store, self.threads, self.progress);
-        Ok(found.map_err(FileError::from)?)
+        found.map_err(|e| match e {
+            StoreError::Unfit(faults) => unfit(self, None, &faults),
+            e => RunError::File(FileError::from(e)),
+        })
     }
 
     /// Makes the numbers of some words at all active voxels, but for bricks whose numbers are there.

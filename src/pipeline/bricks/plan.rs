@@ -10,6 +10,7 @@ use super::budget::{leaf_bytes, needs};
 use super::{Layout, voxels};
 use crate::band::{BLOCK, Region};
 use crate::frame::Coord;
+use crate::lanes;
 use crate::progress::{Progress, Threads};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
@@ -33,6 +34,8 @@ pub struct BrickPlan {
     pub voxel_size: f64,
     /// Half width of the band, voxels.
     pub half_width: f64,
+    /// Whether values are those of any processor: by `--portable`, or for lack of fused multiplications.
+    pub portable: bool,
     /// Edge of a brick, blocks of 128 voxels.
     pub edge: u32,
     /// Voxels around a brick that it is made with at most.
@@ -129,6 +132,15 @@ impl BrickPlan {
                 None => format!("the input of {} is gone", input.key),
             });
         }
+        if self.portable != lanes::gives_portable_bits() {
+            let words = if self.portable {
+                "the plan is for the bits of any processor (--portable), this is not"
+            } else {
+                "the plan is for processors with fused multiplications; this goes without \
+                 (--portable, or an older processor)"
+            };
+            found.push(words.to_owned());
+        }
         let scale = (self.voxel_size, self.half_width) != (voxel_size, half_width);
         if scale && found.is_empty() {
             found.push(format!(
@@ -194,6 +206,7 @@ pub(in super::super) fn layout(
         inputs: planned(&report.inputs),
         voxel_size,
         half_width,
+        portable: lanes::gives_portable_bits(),
         edge: layout.edge,
         halo: layout.halo as u32,
         bricks: bricks.into_iter().collect(),

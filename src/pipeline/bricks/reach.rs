@@ -2,7 +2,7 @@
 
 use super::super::offsets::is_by_points;
 use super::super::operate::unwanted;
-use crate::recipe::{GridWord, Kernel, MesherWord, Op, Output, OutputKind, Recipe, Size};
+use crate::recipe::{GridWord, Kernel, Op, Output, OutputKind, Recipe, Size};
 use crate::vdb::{REMOVAL_REACH, Unwanted};
 use std::ops::Range;
 use std::path::Path;
@@ -170,9 +170,7 @@ fn wants_thickness(o: &Output) -> bool {
 
 /// Why a mesh is not streamed, if it is not.
 fn of_mesh(o: &Output) -> Option<&'static str> {
-    let foreign = o.mesher == Some(MesherWord::OpenVdb) || o.quads;
-    let merged = o.adaptivity.is_some_and(|a| a.0 > 0.0);
-    if foreign || o.sharp || merged {
+    if o.is_meshed_by_openvdb() {
         return Some(
             "quads, sharp, adaptivity and mesher = \"openvdb\" are OpenVDB's, whose meshes are whole in \
              memory; leave them out for triangles, or druse mesh the written .vdb on a machine that holds it",

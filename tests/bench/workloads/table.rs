@@ -73,7 +73,7 @@ pub fn look_ups(_: &Setting) -> Result<Vec<Found>, Box<dyn std::error::Error>> {
     let figure =
         |key, s: &[f64], note: &str| baselines::at_reference(key, &each(s), &seconds[5], note);
     let ratios = Spread::of_ratios(&seconds[2], &seconds[0]);
-    let steep = format!("; with gradient {}", Spread::of(&each(&seconds[4])));
+    let steep = format!("; with gradient here {}", Spread::of(&each(&seconds[4])));
     Ok(vec![
         figure("P6", &seconds[0], &size),
         figure("P6.gradient", &seconds[1], &size),

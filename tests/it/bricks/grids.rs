@@ -176,6 +176,9 @@ fn a_merge_writes_all_grids() {
     let out = directory.path().join("whole");
     let whole = run(&recipe, &options(&out, None, 2), &Silent).unwrap();
     assert_eq!(listed(&whole), listed(&report));
+    // The bricks stay, what the merge made of them goes.
+    let left = fs::read_dir(path.with_extension("bricks")).unwrap();
+    assert_eq!(left.count(), all.len());
 }
 
 #[test]
@@ -196,4 +199,8 @@ fn bricks_of_grids_are_foretold() {
     // Components: 3 of uvw, 3 of fold, cell_id once, weight_g, element_id.
     assert_eq!(shaded.brick_bytes, 10 * alone.brick_bytes);
     assert!(shaded.peak_memory_bytes > alone.peak_memory_bytes);
+    let mesh = |grids: &str| format!("[[output]]\nmesh = \"a.ply\"\n{grids}");
+    let numbered = "grids = [\"uvw\", \"fold\", \"cell_id\"]\n";
+    let (bare, numbered) = (foretold(&mesh("")), foretold(&mesh(numbered)));
+    assert!(numbered.disk_bytes > bare.disk_bytes);
 }

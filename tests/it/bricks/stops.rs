@@ -154,6 +154,12 @@ fn missing_and_damaged_bricks_are_named_with_what_makes_them() {
     done(place, "merge p.json");
     done(place, "run r.toml --out whole");
     assert_eq!(hash(place, "a.vdb"), hash(place, "whole/a.vdb"));
+    // Bits of any processor and those of this one are not mixed.
+    for line in ["merge p.json --portable", "run p.json --brick 1 --portable"] {
+        let (code, error) = refused(place, line);
+        assert_eq!(code, 65, "{error}");
+        assert!(error.contains("--portable"), "{error}");
+    }
     // Made by another version.
     let plan = fs::read_to_string(place.join("p.json")).unwrap();
     let other = plan.replacen(env!("CARGO_PKG_VERSION"), "0.0.7", 1);
@@ -225,6 +231,21 @@ fn a_full_disk_keeps_the_bricks_that_are_whole() {
         );
     }
     assert_eq!(hash(place, "a.vdb"), wanted);
+}
+
+#[test]
+fn bricks_too_wide_to_be_operated_on_say_which_are_not() {
+    let place = place();
+    let place = place.path();
+    for line in [
+        "run r.toml --bricks 64",
+        "plan r.toml -o p.json --bricks 64",
+    ] {
+        let (code, error) = refused(place, line);
+        assert_eq!(code, 65, "{error}");
+        assert!(error.contains("--bricks 31"), "{error}");
+    }
+    done(place, "run r.toml --bricks 31 --out out");
 }
 
 #[test]
