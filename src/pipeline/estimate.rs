@@ -50,6 +50,8 @@ const CLOSE: f64 = 1.5e8;
 pub(super) const LEAF_BYTES: f64 = 2240.0;
 /// Bytes of a picture's pixel while it is made: four rays of 24 bytes and 32 of what they met.
 const PIXEL_BYTES: f64 = 224.0;
+/// Seconds that it takes on two threads.
+const PIXEL_SECONDS: f64 = 6e-6;
 
 /// A sampled or extrapolated band.
 #[derive(Clone, Copy)]
@@ -324,6 +326,8 @@ fn predict(stock: &Stock, threads: &Threads, c: &Counts) -> Estimate {
             peak = peak.max(tree + left + mesh + own);
         }
     }
+    let pictures = sections.output.iter().filter(|o| o.picture.is_some());
+    seconds += pictures.map(pixels).sum::<f64>() * PIXEL_SECONDS * speed;
     Estimate {
         elements: stock.elements(),
         blocks: c.blocks.round() as u64,
