@@ -332,7 +332,7 @@ pub(super) fn run(
     }
     let yard = Yard::new(stock, plan, directory, threads, clock.progress);
     let bricks = budget::brick_bytes(stock, yard.passes.len(), yard.plan.leaf_bytes);
-    let all = bricks + estimate::disk(stock, threads, yard.plan.leaf_bytes);
+    let all = bricks.saturating_add(estimate::disk(stock, threads, yard.plan.leaf_bytes));
     let there = size_of(&yard.directory);
     let checked = check_disk(&yard.directory, all.saturating_sub(there));
     let done = checked.and_then(|()| {

@@ -163,7 +163,8 @@ pub(super) fn disk(stock: &Stock, threads: &Threads, leaf_bytes: u64) -> u64 {
     let outputs = stock.recipe.sections().output.iter();
     let spools = outputs.filter_map(|o| Some(point_in_spool(o, o.mesh.as_deref()?)));
     let spooled = counts.points * spools.sum::<f64>();
-    predict(stock, threads, &counts).disk_bytes + spooled as u64
+    let files = predict(stock, threads, &counts).disk_bytes;
+    files.saturating_add(spooled as u64)
 }
 
 /// Extra copies of the tree that the greediest operation makes.

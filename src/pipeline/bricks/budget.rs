@@ -127,7 +127,7 @@ pub(crate) fn brick_bytes(stock: &Stock, passes: usize, leaf_bytes: u64) -> u64 
     let words = attribute_words(stock.recipe);
     let components: usize = words.iter().map(GridWord::components).sum();
     // Of a leaf file all but a few bytes are its voxels'.
-    leaf_bytes * (passes + components) as u64
+    leaf_bytes.saturating_mul((passes + components) as u64)
 }
 
 /// Refuses a merge for whose bricks or outputs their disks, or the one that has both, have no room.
@@ -137,7 +137,7 @@ pub(crate) fn check_disks(
 ) -> Result<(), RunError> {
     let number = |directory: &Path| rustix::fs::statvfs(directory).map(|fs| fs.f_fsid);
     if number(bricks) == number(outputs) {
-        return check_disk(outputs, later + files);
+        return check_disk(outputs, later.saturating_add(files));
     }
     check_disk(bricks, later)?;
     check_disk(outputs, files)

@@ -73,7 +73,7 @@ pub fn make_bricks(
     make_directory(&yard.directory)?;
     let asked: usize = bricks.iter().map(ExactSizeIterator::len).sum();
     let share = yard.plan.leaf_bytes / yard.plan.bricks.len().max(1) as u64;
-    check_disk(&yard.directory, share * asked as u64)?;
+    check_disk(&yard.directory, share.saturating_mul(asked as u64))?;
     let mut left = 0;
     for range in bricks {
         left += yard.make(range.clone()).map_err(|e| yard.stopped(e))?.1;
