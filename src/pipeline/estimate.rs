@@ -334,7 +334,7 @@ fn predict(stock: &Stock, threads: &Threads, c: &Counts) -> Estimate {
         blocks: c.blocks.round() as u64,
         leaves: c.leaves.round() as u64,
         active_voxels: c.active.round() as u64,
-        peak_memory_bytes: memory::resident() + peak as u64,
+        peak_memory_bytes: memory::resident().saturating_add(peak as u64),
         table_bytes: stock.fill().map_or(0, super::filling::Fill::table_bytes),
         disk_bytes: disk as u64,
         bricks: 0,
