@@ -32,6 +32,7 @@ mod probe;
 mod pyramid;
 mod resolve;
 mod spline;
+mod steepest;
 mod weights;
 mod window;
 use build::{Spectrum, good_size};

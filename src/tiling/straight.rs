@@ -9,6 +9,7 @@
 
 mod block;
 mod bundle;
+mod found;
 mod rule;
 mod steps;
 mod strays;
@@ -17,9 +18,9 @@ use super::boundary::Known;
 use super::fill::{BLOCK, PartOfLattice, parts};
 use super::near::Near;
 use super::{Filling, TiledSolid};
-use crate::field::{Interval, Point, SampleLattice};
+use crate::field::{Interval, SampleLattice};
 use crate::frame::{Vec3, WorldPoint};
-use block::{Block, Part, Scene, VOLUME, place};
+use block::{Along, Block, Part, Scene, VOLUME, place};
 use bundle::{Bundle, MOST, bits};
 use rule::Rule;
 pub(super) use rule::Wanted;
@@ -43,7 +44,7 @@ pub(super) struct Straight {
     strays: Vec<Stray>,
     /// Triangles of the boundary that may show, part by part.
     shores: Vec<u32>,
-    at: [Vec<f64>; 3],
+    along: [Vec<Along>; 3],
     /// At how many points a cell was looked at.
     pub looked: u64,
 }
@@ -93,11 +94,10 @@ impl<F: Filling> TiledSolid<'_, F> {
         room: &mut Straight,
         out: &mut [f32],
     ) {
-        let mut at = std::mem::take(&mut room.at);
-        for (axis, at) in at.iter_mut().enumerate() {
-            let coordinate = |n| lattice.origin.stepped(lattice.step, [n; 3]).0[axis];
-            at.clear();
-            at.extend((0..lattice.counts[axis]).map(coordinate));
+        let mut along = std::mem::take(&mut room.along);
+        for (axis, along) in along.iter_mut().enumerate() {
+            along.clear();
+            along.extend(Along::all(lattice, axis));
         }
         let whole = Scene {
             component,
@@ -106,7 +106,7 @@ impl<F: Filling> TiledSolid<'_, F> {
             wanted,
             shore,
             shores: &[],
-            at: &at,
+            along: &along,
             offsets: std::array::from_fn(|n| {
                 let [i, j, k] = place(n);
                 (i * lattice.counts[1] + j) * lattice.counts[2] + k
@@ -119,7 +119,7 @@ impl<F: Filling> TiledSolid<'_, F> {
                 self.enter(&whole, &part, own, room, out);
             }
             self.fill_entered(&whole, room, out);
-            room.at = at;
+            room.along = along;
             return;
         }
         let mut few = Near::default();
@@ -135,7 +135,7 @@ impl<F: Filling> TiledSolid<'_, F> {
             self.enter(&scene, &part, own, room, out);
             self.fill_entered(&scene, room, out);
         }
-        room.at = at;
+        room.along = along;
     }
 
     /// Bounds of the distance to the boundary over a part of a lattice, within those of the whole.
@@ -175,9 +175,12 @@ impl<F: Filling> TiledSolid<'_, F> {
             distance: depth.hi.abs().max(depth.lo.abs()),
             reach: self.reach(depth.hi),
         });
-        let along = |a: usize| (part.first[a]..=part.last[a]).step_by(BLOCK);
+        let along = |a: usize| {
+            let (first, last) = (part.first[a], part.last[a]);
+            (0..=(last - first) / BLOCK).map(move |n| first + n * BLOCK)
+        };
         for (i, j) in along(0).flat_map(|i| along(1).map(move |j| (i, j))) {
-            let block = |k| Block::new([i, j, k], part.last, number, scene);
+            let block = |k| Block::new([i, j, k], number, scene);
             room.blocks.extend(along(2).map(block));
         }
     }
@@ -207,8 +210,7 @@ impl<F: Filling> TiledSolid<'_, F> {
         for blocks in all.chunks(MOST) {
             room.bundle.clear();
             for block in blocks {
-                let middle = |[a, b]: [f64; BLOCK]| f64::midpoint(a, b);
-                room.bundle.push(block.ends(scene).map(middle), true);
+                room.bundle.push(block.middle(scene), true);
             }
             room.bundle.fill_up();
             let near = scene.near.patches.iter();
@@ -218,29 +220,31 @@ impl<F: Filling> TiledSolid<'_, F> {
             self.field_of(scene.near, &mut room.centres, &mut values);
             let single = room.centres.single;
             room.looked += u64::from(room.centres.owned.count_ones());
-            let mut open = 0u64;
-            for (n, block) in blocks.iter().enumerate() {
-                let known = scene.known(&room.parts[block.part]);
-                let radius = block.radius;
-                let least = scene.near.slope_sup * (radius + reach);
-                let is_far = single >> n & 1 != 0 && values[n].abs() >= least;
+            let mut far = 0u64;
+            for (n, (block, value)) in blocks.iter().zip(&values).enumerate() {
+                let least = scene.near.slope_sup * (block.radius + reach);
+                far |= u64::from(value.abs() >= least) << n;
+            }
+            let mut open = room.bundle.real & !(far & single);
+            for n in bits(far & single) {
+                let block = &blocks[n];
+                let part = &room.parts[block.part()];
                 // All of a deep block lies in elements; of others one must hold it, and no other reach in.
                 let holds = || {
                     let mut all = room.centres.placed[..scene.near.patches.len()].iter();
-                    all.all(|p| p.outside(n).abs() >= radius)
+                    all.all(|p| p.outside(n).abs() >= block.radius)
                 };
-                if !(is_far && (known.is_deep || holds())) {
+                if !(part.is_deep || holds()) {
                     open |= 1 << n;
                     continue;
                 }
                 let d = if values[n] < 0.0 { -w } else { w };
-                if known.is_deep && block.is_whole() {
-                    for n in 0..VOLUME {
-                        out[scene.index(block, n)] = d as f32;
-                    }
+                if part.is_deep && block.is_whole() {
+                    scene.fill(block, &[d as f32; VOLUME], out);
                     continue;
                 }
-                for n in bits(block.places()) {
+                let known = scene.known(part);
+                for n in bits(u64::from(block.places)) {
                     let ended = self.ended(scene, d, (block, n), known);
                     out[scene.index(block, n)] = ended as f32;
                 }
@@ -298,12 +302,12 @@ impl<F: Filling> TiledSolid<'_, F> {
         } = room;
         bundle.clear();
         for &n in group {
-            bundle.push_block(blocks[n].ends(scene), blocks[n].places());
+            bundle.push_block(blocks[n].ends(scene), blocks[n].places.into());
         }
         // What is within reach of a sample is within reach of its block's centre and the radius.
         let margin = |n: usize| {
             let block = &blocks[n];
-            block.radius + self.delta() + parts[block.part].reach
+            block.radius + self.delta() + parts[block.part()].reach
         };
         places.clear();
         for (place, placed) in (0..scene.near.patches.len() as u32).zip(&centres.placed) {
@@ -315,26 +319,26 @@ impl<F: Filling> TiledSolid<'_, F> {
         *looked += u64::from(samples.owned.count_ones());
         for (number, &n) in group.iter().enumerate() {
             let block = &blocks[n];
-            let known = scene.known(&parts[block.part]);
+            let part = &parts[block.part()];
             let first = number * VOLUME;
             let owned = samples.owned >> first & 0xff;
-            if known.is_deep && owned == 0xff {
-                for n in 0..VOLUME {
-                    out[scene.index(block, n)] = samples.d[first + n] as f32;
-                }
+            if part.is_deep && owned == 0xff {
+                let d = samples.found.row(number).map(|d| d as f32);
+                scene.fill(block, &d, out);
                 continue;
             }
-            for n in bits(block.places()) {
+            let known = scene.known(part);
+            for n in bits(u64::from(block.places)) {
                 let index = scene.index(block, n);
                 if owned >> n & 1 != 0 {
-                    let d = samples.d[first + n];
+                    let d = samples.found.d(first + n);
                     out[index] = self.ended(scene, d, (block, n), known) as f32;
                     continue;
                 }
                 let stray = Stray {
                     n: index,
                     x: bundle.point(first + n),
-                    part: block.part,
+                    part: block.part(),
                 };
                 let outside = samples.outside(places.len(), first + n);
                 if outside <= GAP * self.options.voxel_size {

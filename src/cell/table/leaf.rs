@@ -2,12 +2,11 @@
 
 use super::build::Spectrum;
 use super::grid::Grid;
-use super::hull::{TOGETHER, hulls};
-use super::pyramid::{Pyramid, Range};
+use super::pyramid::Pyramid;
 use super::spline::Spline;
+use super::steepest::steepest_over;
 use crate::field::Interval;
-use crate::frame::{CellBox, CellPoint, Element, Face, Mat3, Vec3};
-use rayon::prelude::*;
+use crate::frame::{CellBox, CellPoint, Element, Mat3, Vec3};
 
 /// Single precision: what rounding adds to an interval, relative to the largest coefficient.
 const ROUNDING: f64 = 3e-6;
@@ -159,56 +158,4 @@ impl Leaf {
     pub fn samples(&self) -> usize {
         self.spline.grid().samples.into_iter().max().unwrap_or(1)
     }
-}
-
-/// The largest gradient bound among the spline cells that meet the element: the element's symmetries, which
-/// the turns are among, keep the element.
-fn steepest_over(coefficients: &[f32], grid: &Grid, element: Element, whole_group: bool) -> f64 {
-    let scale = grid.per_unit();
-    let step = Vec3::from(scale.map(f64::recip));
-    let around = element.cell_box();
-    // The ball's are those of the icosahedron in it.
-    let faces = match element {
-        Element::Ball => Element::Hex.faces(),
-        other => other.faces(),
-    };
-    let cells = |a: usize| -> std::ops::Range<i64> {
-        let lo = (around.min[a] * scale[a] - 1e-9).floor() as i64;
-        let hi = ((around.max[a] * scale[a] + 1e-9).ceil() as i64).max(lo + 1);
-        lo..hi
-    };
-    let [xs, ys, zs] = [cells(0), cells(1), cells(2)];
-    // The whole group maps the part of a tet or a hex with x >= |y|, |z| onto the rest.
-    let wedge = whole_group && matches!(element, Element::Tet | Element::Hex);
-    let near = |i: i64, c: i64| !wedge || (i >= -1 && c.abs() <= i + 2);
-    let in_slab = |i: i64| {
-        let mut steepest = 0f32;
-        for j in ys.clone().filter(|&j| near(i, j)) {
-            // Of the row's cells that were bounded last.
-            let (mut last, mut ranges) = (usize::MAX, [Range::NOTHING; TOGETHER]);
-            for k in zs.clone().filter(|&k| near(i, k)) {
-                let at = [i, j, k];
-                let lo = Vec3::from_fn(|a, _| at[a] as f64).component_mul(&step);
-                if faces.iter().all(|f| meets(f, lo, step)) {
-                    let cell = [0, 1, 2].map(|a| at[a].rem_euclid(grid.samples[a] as i64));
-                    let cell = cell.map(|c| c as usize);
-                    let [x, y, z] = cell;
-                    if z / TOGETHER != last {
-                        last = z / TOGETHER;
-                        ranges = hulls(coefficients, grid, [x, y, last * TOGETHER]);
-                    }
-                    steepest = steepest.max(ranges[z % TOGETHER].steepest);
-                }
-            }
-        }
-        steepest
-    };
-    let steepest = xs.into_par_iter().map(in_slab).reduce(|| 0.0, f32::max);
-    f64::from(steepest)
-}
-
-/// Whether a box reaches to the inner side of a face's plane.
-fn meets(face: &Face, lo: Vec3, size: Vec3) -> bool {
-    let corner = lo + size.zip_map(&face.normal, |s, n| if n > 0.0 { 0.0 } else { s });
-    face.normal.dot(&corner) <= face.offset + 1e-9
 }

@@ -1,7 +1,7 @@
 //! Blocks of a lattice's samples, and what they have in common.
 
 use super::rule::Wanted;
-use crate::field::SampleLattice;
+use crate::field::{Point, SampleLattice};
 use crate::frame::{Vec3, WorldPoint};
 use crate::tiling::boundary::Known;
 use crate::tiling::fill::BLOCK;
@@ -12,16 +12,30 @@ pub(super) const VOLUME: usize = BLOCK * BLOCK * BLOCK;
 /// Of boxes with so many edges of one sample's distance, in such distances.
 const DIAGONALS: [f64; 4] = [0.0, 1.0, std::f64::consts::SQRT_2, 1.732_050_807_568_877_2];
 
-/// A block of samples: its first, counts by axis, and the part of the lattice that it is of.
+/// The places of a block that has a single sample along an axis, by axis.
+const SINGLE: [u8; 3] = [0x0f, 0x33, 0x55];
+
+/// The blocks' extent along an axis: coordinates of the first and of the last sample, and between them.
+#[derive(Clone, Copy)]
+pub(super) struct Along {
+    ends: [f64; BLOCK],
+    middle: f64,
+    /// Whether they are the same sample, the lattice's last one.
+    is_single: bool,
+}
+
+/// A block of samples, and the part of the lattice that it is of.
 #[derive(Clone, Copy)]
 pub(super) struct Block {
-    pub first: [usize; 3],
-    pub count: [usize; 3],
-    pub part: usize,
+    /// The how manieth along each axis.
+    at: [u32; 3],
+    part: u32,
+    /// Its samples among the eight places of a block: a bit each.
+    pub places: u8,
     /// From the centre to the farthest sample, world units.
     pub radius: f64,
     /// Storage index of the first sample.
-    pub start: usize,
+    start: usize,
 }
 
 /// What is known of a part of a lattice.
@@ -46,8 +60,8 @@ pub(super) struct Scene<'a> {
     /// Triangles of the boundary that may show, in all of the lattice and part by part.
     pub shore: Option<&'a [u32]>,
     pub shores: &'a [u32],
-    /// Coordinates of the lattice's samples along each axis.
-    pub at: &'a [Vec<f64>; 3],
+    /// Blocks along each axis.
+    pub along: &'a [Vec<Along>; 3],
     /// Of the eight samples of a block, storage indices from the first one's on.
     pub offsets: [usize; VOLUME],
 }
@@ -70,49 +84,87 @@ impl<'a> Scene<'a> {
         block.start + self.offsets[n % VOLUME]
     }
 
+    /// Writes all samples of a whole block.
+    #[inline]
+    pub fn fill(&self, block: &Block, values: &[f32; VOLUME], out: &mut [f32]) {
+        for (row, offset) in values
+            .chunks_exact(BLOCK)
+            .zip(self.offsets.iter().step_by(BLOCK))
+        {
+            let first = block.start + offset;
+            out[first..first + BLOCK].copy_from_slice(row);
+        }
+    }
+
     /// Where a block's sample lies.
     pub fn point(&self, block: &Block, n: usize) -> Vec3 {
-        let own = place(n);
-        let along = |a: usize| self.at[a][block.first[a] + own[a]];
-        Vec3::new(along(0), along(1), along(2))
+        let ([x, y, z], [i, j, k]) = (block.ends(self), place(n));
+        Vec3::new(x[i], y[j], z[k])
+    }
+}
+
+impl Along {
+    /// Of a lattice, along an axis.
+    pub fn all(lattice: &SampleLattice<WorldPoint>, axis: usize) -> impl Iterator<Item = Self> {
+        let count = lattice.counts[axis];
+        (0..count).step_by(BLOCK).map(move |first| {
+            let last = (first + BLOCK - 1).min(count - 1);
+            let at = |n| lattice.origin.stepped(lattice.step, [n; 3]).0[axis];
+            let ends = [at(first), at(last)];
+            Self {
+                ends,
+                middle: f64::midpoint(ends[0], ends[1]),
+                is_single: last == first,
+            }
+        })
     }
 }
 
 impl Block {
-    /// Of the block from a sample on, not beyond another one.
-    pub fn new(first: [usize; 3], last: [usize; 3], part: usize, scene: &Scene) -> Self {
-        let count = [0, 1, 2].map(|a| BLOCK.min(last[a] + 1 - first[a]));
-        let edges: usize = count.iter().map(|c| c - 1).sum();
+    /// Of the block from a sample on, one of a block's size along each axis.
+    pub fn new(first: [usize; 3], part: usize, scene: &Scene) -> Self {
         let [_, ny, nz] = scene.lattice.counts;
+        let (mut places, mut edges) = (0xff, 0);
+        for (a, own) in SINGLE.into_iter().enumerate() {
+            if scene.along[a][first[a] / BLOCK].is_single {
+                places &= own;
+            } else {
+                edges += 1;
+            }
+        }
         Self {
-            first,
-            count,
-            part,
+            at: first.map(|i| (i / BLOCK) as u32),
+            part: part as u32,
+            places,
             radius: scene.lattice.step * DIAGONALS[edges] / 2.0,
             start: (first[0] * ny + first[1]) * nz + first[2],
         }
     }
 
+    /// The part of the lattice that it is of, by number.
+    #[inline]
+    pub fn part(&self) -> usize {
+        self.part as usize
+    }
+
     /// Coordinates of its first and of its last sample, by axis.
+    #[inline]
     pub fn ends(&self, scene: &Scene) -> [[f64; BLOCK]; 3] {
-        let of = |a: usize| {
-            let at = &scene.at[a];
-            [at[self.first[a]], at[self.first[a] + self.count[a] - 1]]
-        };
-        [of(0), of(1), of(2)]
+        let [i, j, k] = self.at.map(|i| i as usize);
+        let [x, y, z] = scene.along;
+        [x[i].ends, y[j].ends, z[k].ends]
+    }
+
+    /// Its centre.
+    #[inline]
+    pub fn middle(&self, scene: &Scene) -> [f64; 3] {
+        let [i, j, k] = self.at.map(|i| i as usize);
+        let [x, y, z] = scene.along;
+        [x[i].middle, y[j].middle, z[k].middle]
     }
 
     pub fn is_whole(&self) -> bool {
-        self.count == [BLOCK; 3]
-    }
-
-    /// Its samples among the eight places of a block: a bit each.
-    pub fn places(&self) -> u64 {
-        if self.is_whole() {
-            return 0xff;
-        }
-        let has = |n: usize| (0..3).all(|a| place(n)[a] < self.count[a]);
-        (0..VOLUME).fold(0, |bits, n| bits | u64::from(has(n)) << n)
+        self.places == 0xff
     }
 }
 

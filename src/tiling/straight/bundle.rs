@@ -34,6 +34,8 @@ pub(super) struct Placed {
     pub shares: u64,
     /// Which lie in it.
     pub owns: u64,
+    /// Which lie deeper in it than others share.
+    pub deep: u64,
 }
 
 /// The numbers of the bits that are set, ascending.
@@ -67,6 +69,7 @@ impl Default for Placed {
             xi: [[[0.0; ROW]; MOST / ROW]; 3],
             shares: 0,
             owns: 0,
+            deep: 0,
         }
     }
 }
@@ -148,7 +151,8 @@ impl Placed {
 }
 
 impl Patch {
-    /// Places the points of a bundle whose rows are full; those less than `delta` outside share in it.
+    /// Places the points of a bundle whose rows are full; those less than `delta` outside share in it,
+    /// those more than that inside are its own.
     pub(super) fn place(&self, bundle: &Bundle, delta: f64, placed: &mut Placed) {
         lanes::run(Placing {
             patch: self,
@@ -186,6 +190,7 @@ impl Work for Placing<'_> {
         let shape = patch.shape();
         placed.shares = 0;
         placed.owns = 0;
+        placed.deep = 0;
         for row in 0..bundle.len.div_ceil(ROW).min(MOST / ROW) {
             let x = [
                 Eight::of(lanes, &bundle.x[0][row]),
@@ -205,6 +210,7 @@ impl Work for Placing<'_> {
             let owns = shares & !on_face.bits_below(beyond_row(shape, xi));
             placed.shares |= u64::from(shares) << (ROW * row);
             placed.owns |= u64::from(owns) << (ROW * row);
+            placed.deep |= u64::from(m.bits_below(zero - delta)) << (ROW * row);
         }
     }
 }

@@ -1,6 +1,7 @@
 //! Rule Q for a bundle of points among straight elements.
 
 use super::bundle::{Bundle, MOST, Placed, bits};
+use super::found::Found;
 use super::steps::Walk;
 use crate::frame::CellPoint;
 use crate::tiling::near::Near;
@@ -16,6 +17,7 @@ pub(in crate::tiling) enum Wanted {
 }
 
 /// What is found of a bundle's points.
+#[derive(Default)]
 pub(super) struct Rule {
     /// By element, in the order in which they were given.
     pub placed: Vec<Placed>,
@@ -23,32 +25,20 @@ pub(super) struct Rule {
     pub owned: u64,
     /// Which lie in one only: not on faces, nor where a scaffold overlaps itself.
     pub single: u64,
-    /// Their distances, clamped to the band; the boundary not regarded.
-    pub d: [f64; MOST],
-    /// Values of the field, and gradients by the owner's reference coordinates.
-    slopes: [[f32; 4]; MOST],
-    /// How deep points lie in their owners, world units.
-    depth: [f64; MOST],
-    /// Sums of scales, and of their weights.
-    sums: [[f64; 2]; MOST],
+    pub found: Found,
+    /// How deep points lie in their owners, world units, if others share in them.
+    depth: PerPoint<f64>,
     /// Points of the walk: their numbers, and their weights.
-    items: [(u8, f64); MOST],
+    items: PerPoint<(u8, f64)>,
     walk: Walk,
 }
 
-impl Default for Rule {
+/// A thing for each point of a bundle.
+struct PerPoint<T>([T; MOST]);
+
+impl<T: Copy + Default> Default for PerPoint<T> {
     fn default() -> Self {
-        Self {
-            placed: Vec::new(),
-            owned: 0,
-            single: 0,
-            d: [0.0; MOST],
-            slopes: [[0.0; 4]; MOST],
-            depth: [0.0; MOST],
-            sums: [[0.0; 2]; MOST],
-            items: [(0, 0.0); MOST],
-            walk: Walk::default(),
-        }
+        Self([T::default(); MOST])
     }
 }
 
@@ -122,55 +112,52 @@ impl<F: Filling> TiledSolid<'_, F> {
             .iter()
             .map(|p| patch(p).slope_sup)
             .fold(0.0, f64::max);
-        // Every scale is at least 1 / L.
-        let most = w * sup;
         let Rule {
             placed,
-            d,
-            slopes,
-            depth,
-            sums,
-            items,
+            owned,
+            found,
+            depth: PerPoint(depth),
+            items: PerPoint(items),
             walk,
             ..
         } = rule;
-        let (mut band, mut shared) = (0u64, 0u64);
-        let both = || places.iter().enumerate();
-        for (number, place) in both() {
-            let placed = &placed[number];
-            if placed.owns == 0 {
+        let placed = &placed[..places.len()];
+        let mut deep = 0;
+        for (placed, place) in placed.iter().zip(places) {
+            let count = gather(placed, placed.owns, &mut walk.at);
+            if count == 0 {
                 continue;
             }
-            let count = gather(placed, placed.owns, &mut walk.at);
+            let slopes = &mut walk.slopes[..count];
             let element = patch(place).number();
-            let found = &mut walk.slopes[..count];
-            self.filling.samples(element, &walk.at[..count], found);
-            for (n, &slope) in bits(placed.owns).zip(&*found) {
-                let f = f64::from(slope[0]);
-                if wanted == Wanted::Signs || f.abs() >= most {
-                    d[n] = if f < 0.0 { -w } else { w };
-                    continue;
-                }
-                slopes[n] = slope;
-                depth[n] = (-placed.outside(n)).max(0.0);
-                band |= 1 << n;
-                shared |= u64::from(depth[n] < delta) << n;
+            self.filling.samples(element, &walk.at[..count], slopes);
+            for (n, &slope) in bits(placed.owns).zip(&*slopes) {
+                found.slopes[n] = slope;
             }
+            deep |= placed.owns & placed.deep;
         }
-        if band == 0 {
+        // Every scale is at least 1 / L.
+        let band = found.decide(bundle.len(), [w * sup, w]) & *owned;
+        if band == 0 || wanted == Wanted::Signs {
             return;
         }
-        for n in bits(band) {
-            sums[n] = [0.0; 2];
+        let shared = band & !deep;
+        if shared != 0 {
+            for placed in placed {
+                for n in bits(placed.owns & shared) {
+                    depth[n] = (-placed.outside(n)).max(0.0);
+                }
+            }
         }
+        found.clear_sums();
         // In order of element numbers, so that both sides of a face sum alike.
-        for (number, place) in both() {
-            let placed = &placed[number];
-            let own = placed.owns & band;
-            let mut count = gather(placed, own, &mut walk.at);
-            for (k, n) in bits(own).enumerate() {
-                items[k] = (n as u8, 1.0);
-                walk.slopes[k] = slopes[n];
+        for (placed, place) in placed.iter().zip(places) {
+            let mut count = 0;
+            for n in bits(placed.owns & band) {
+                items[count % MOST] = (n as u8, 1.0);
+                walk.at[count % MOST] = placed.xi(n);
+                walk.slopes[count % MOST] = found.slopes[n];
+                count += 1;
             }
             let first = count;
             for n in bits(placed.shares & shared & !placed.owns) {
@@ -186,25 +173,22 @@ impl<F: Filling> TiledSolid<'_, F> {
             }
             let patch = patch(place);
             let guests = first..count;
-            let at = &walk.at[guests.clone()];
-            self.filling
-                .samples(patch.number(), at, &mut walk.slopes[guests]);
+            if !guests.is_empty() {
+                let at = &walk.at[guests.clone()];
+                self.filling
+                    .samples(patch.number(), at, &mut walk.slopes[guests]);
+            }
             let (pace, map) = (self.pace(patch), patch.start());
             walk.len = count;
             walk.set_off(pace, &map);
-            let found = &mut walk.slopes[..count];
+            let slopes = &mut walk.slopes[..count];
             self.filling
-                .samples(patch.number(), &walk.at[..count], found);
+                .samples(patch.number(), &walk.at[..count], slopes);
             walk.arrive(pace, &map);
             for (k, &(n, weight)) in items[..count].iter().enumerate() {
-                let sum = &mut sums[n as usize % MOST];
-                sum[0] += weight * walk.scale(k);
-                sum[1] += weight;
+                found.add(usize::from(n), weight, walk.scale(k));
             }
         }
-        for n in bits(band) {
-            let [scales, weights] = sums[n];
-            d[n] = (f64::from(slopes[n][0]) * scales / weights).clamp(-w, w);
-        }
+        found.finish(bundle.len(), w);
     }
 }

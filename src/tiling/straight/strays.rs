@@ -79,7 +79,7 @@ impl<F: Filling> TiledSolid<'_, F> {
                 let (number, outside) = asked[n];
                 let stray = &strays[number];
                 out[stray.n] = if room.samples.owned >> n & 1 != 0 {
-                    room.samples.d[n].max(outside).min(w) as f32
+                    room.samples.found.d(n).max(outside).min(w) as f32
                 } else {
                     self.alone(scene, stray, scene.known(&room.parts[stray.part])) as f32
                 };

@@ -157,6 +157,7 @@ const REFERENCE: f64 = 58.6;
 /// closure may be left outside, where each of its multiplications is a call.
 struct Fusing;
 
+#[allow(clippy::inline_always)]
 impl pulp::NullaryFnOnce for Fusing {
     type Output = ();
 

@@ -106,3 +106,32 @@ fn tolerance_chooses_the_size() {
         Err(CellError::TableTooLarge { .. })
     ));
 }
+
+/// The bound decides how much of a band's surroundings is looked at: a tenth too much is a tenth of the time.
+#[test]
+fn the_gradients_bound_is_nearly_reached() {
+    const SIDE: usize = 40;
+    for surface in [Surface::SchwarzP, Surface::Iwp, Surface::Neovius] {
+        for element in [Element::Hex, Element::Tet] {
+            let cell = surface.cell(element).unwrap();
+            // The coarser the table, the rougher what is known of a single one of its cells.
+            let table = Table::with_tolerance(&cell, 1e-2).unwrap();
+            let around = element.cell_box();
+            let size = around.max - around.min;
+            let lengths = (0..SIDE.pow(3)).map(|n| {
+                let at = [n / (SIDE * SIDE), n / SIDE % SIDE, n % SIDE];
+                let at = Vec3::from(at.map(|i| i as f64 / (SIDE - 1) as f64));
+                CellPoint(around.min + size.component_mul(&at))
+            });
+            let inside = lengths.filter(|&p| element.face_distance(p) <= 1e-9);
+            let most = inside.fold(0.0, |most: f64, p| {
+                most.max(table.value_and_gradient(p).1.norm())
+            });
+            let sup = table.gradient_sup();
+            assert!(
+                most <= sup && sup < 1.02 * most,
+                "{surface:?} {element:?}: {most} {sup}"
+            );
+        }
+    }
+}
