@@ -59,13 +59,14 @@ proptest! {
         let table = Table::new(&cell).unwrap();
         prop_assume!(cell.form().value(p).abs() > 0.05);
         let g = table.value_and_gradient(p).1;
-        // Fourth-order differences: truncation 1e-12 times the fifth derivative, rounding
-        // 2e-7 over the step.
+        // Fourth-order differences: rounding is 2e-7 of the values over the step; at the knots the third
+        // derivative jumps, and the steeper the cell the more.
         let difference = Vec3::from_fn(|a, _| {
             let v = |s: f64| table.value(CellPoint(p.0 + Vec3::ith(a, s * STEP)));
             (8.0 * (v(1.0) - v(-1.0)) - (v(2.0) - v(-2.0))) / (12.0 * STEP)
         });
-        prop_assert!((g - difference).norm() < 5e-3, "{}", (g - difference).norm());
+        let most = 5e-3 * table.gradient_sup().max(1.0);
+        prop_assert!((g - difference).norm() < most, "{} {most}", (g - difference).norm());
     }
 }
 
