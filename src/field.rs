@@ -93,6 +93,7 @@ pub trait Point: Copy + Send + Sync {
 impl Point for WorldPoint {
     type Region = Aabb;
     type Vector = Vec3;
+    #[inline]
     fn stepped(self, step: f64, i: [usize; 3]) -> Self {
         Self(self.0 + Vec3::new(i[0] as f64, i[1] as f64, i[2] as f64) * step)
     }
@@ -101,6 +102,7 @@ impl Point for WorldPoint {
 impl<const D: usize> Point for CellPoint<D> {
     type Region = CellBox<D>;
     type Vector = SVector<f64, D>;
+    #[inline]
     fn stepped(self, step: f64, i: [usize; 3]) -> Self {
         Self(self.0 + SVector::from_fn(|a, _| i[a] as f64 * step))
     }

@@ -138,6 +138,7 @@ impl Aabb {
 
     /// The smallest box around both.
     #[must_use]
+    #[inline]
     pub fn union(self, other: Self) -> Self {
         Self {
             min: self.min.inf(&other.min),
@@ -147,6 +148,7 @@ impl Aabb {
 
     /// The common part, empty if there is none.
     #[must_use]
+    #[inline]
     pub fn intersection(self, other: Self) -> Self {
         Self {
             min: self.min.sup(&other.min),
@@ -156,6 +158,7 @@ impl Aabb {
 
     /// This box grown by `margin` world units on every side.
     #[must_use]
+    #[inline]
     pub fn dilated(self, margin: f64) -> Self {
         Self {
             min: self.min.add_scalar(-margin),
@@ -169,6 +172,7 @@ impl Aabb {
     }
 
     /// Whether the closed boxes share a point.
+    #[inline]
     pub fn meets(self, other: Self) -> bool {
         !self.intersection(other).is_empty()
     }
@@ -179,16 +183,19 @@ impl Aabb {
     }
 
     /// Centre of the box.
+    #[inline]
     pub fn centre(self) -> WorldPoint {
         WorldPoint((self.min + self.max) / 2.0)
     }
 
     /// Edge lengths.
+    #[inline]
     pub fn size(self) -> Vec3 {
         self.max - self.min
     }
 
     /// Half the length of the space diagonal.
+    #[inline]
     pub fn half_diagonal(self) -> f64 {
         self.size().norm() / 2.0
     }
@@ -218,6 +225,7 @@ impl<const D: usize> CellBox<D> {
 
     /// The common part of two boxes; may be empty (`min > max` on an axis).
     #[must_use]
+    #[inline]
     pub fn intersection(self, other: Self) -> Self {
         Self {
             min: self.min.sup(&other.min),

@@ -28,6 +28,7 @@ impl Known<'_> {
 
     /// The point of the boundary nearest to `x`, if it is not farther than `radius`, at most the band's half
     /// width.
+    #[inline]
     pub fn closest_within(&self, boundary: &MeshSolid, x: Vec3, radius: f64) -> Option<Closest> {
         match self.shore {
             Some(slots) if slots.len() <= FEW => boundary.closest_among(slots, x, radius),

@@ -113,6 +113,7 @@ impl Patch {
     }
 
     /// Whether a point certainly lies deeper than `margin` under the faces.
+    #[inline]
     pub fn is_under(&self, x: Vec3, margin: f64) -> bool {
         self.is_affine() && self.walls.outside::<f64>(x.into()) < -margin
     }
@@ -126,6 +127,7 @@ impl Patch {
     }
 
     /// Whether every point of the box is certainly further than `margin` outside, by the measure m.
+    #[inline]
     pub fn misses(&self, centre: Vec3, half: Vec3, margin: f64) -> bool {
         self.walls.misses(centre, half, margin)
     }
@@ -224,6 +226,7 @@ impl Patch {
     }
 
     /// Where points are guessed from if nothing is known: the affine map at the centroid.
+    #[inline]
     pub fn start(&self) -> Trail {
         let (Inverse::Affine { matrix, centre } | Inverse::Curved { matrix, centre }) =
             &self.inverse;
@@ -368,6 +371,7 @@ impl Patch {
     }
 
     /// Its number in the scaffold.
+    #[inline]
     pub fn number(&self) -> usize {
         self.number
     }
@@ -386,6 +390,7 @@ impl Patch {
     }
 
     /// Whether the map is affine.
+    #[inline]
     pub fn is_affine(&self) -> bool {
         matches!(self.inverse, Inverse::Affine { .. })
     }

@@ -73,6 +73,7 @@ impl Walls {
     }
 
     /// Whether every point of the box is certainly further than `margin` outside, by the measure m.
+    #[inline]
     pub fn misses(&self, centre: Vec3, half: Vec3, margin: f64) -> bool {
         self.all().iter().any(|wall| {
             wall.normal.dot(&centre) - wall.normal.abs().dot(&half) - wall.offset > margin

@@ -67,6 +67,7 @@ pub(super) struct Scene<'a> {
 }
 
 impl<'a> Scene<'a> {
+    #[inline]
     pub fn known(&self, part: &Part) -> Known<'a> {
         Known {
             constant: None,
@@ -97,6 +98,7 @@ impl<'a> Scene<'a> {
     }
 
     /// Where a block's sample lies.
+    #[inline]
     pub fn point(&self, block: &Block, n: usize) -> Vec3 {
         let ([x, y, z], [i, j, k]) = (block.ends(self), place(n));
         Vec3::new(x[i], y[j], z[k])
@@ -122,6 +124,7 @@ impl Along {
 
 impl Block {
     /// Of the block from a sample on, one of a block's size along each axis.
+    #[inline]
     pub fn new(first: [usize; 3], part: usize, scene: &Scene) -> Self {
         let [_, ny, nz] = scene.lattice.counts;
         let (mut places, mut edges) = (0xff, 0);
@@ -163,6 +166,7 @@ impl Block {
         [x[i].middle, y[j].middle, z[k].middle]
     }
 
+    #[inline]
     pub fn is_whole(&self) -> bool {
         self.places == 0xff
     }

@@ -117,6 +117,7 @@ impl Bundle {
         self.len += 8;
     }
 
+    #[inline]
     pub fn point(&self, n: usize) -> Vec3 {
         Vec3::new(at(&self.x[0], n), at(&self.x[1], n), at(&self.x[2], n))
     }

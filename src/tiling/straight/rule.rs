@@ -66,6 +66,7 @@ impl Rule {
     }
 
     /// How far from the nearest of so many elements a point is at least.
+    #[inline]
     pub fn outside(&self, count: usize, n: usize) -> f64 {
         let all = self.placed[..count].iter();
         all.map(|p| p.outside(n)).fold(f64::INFINITY, f64::min)

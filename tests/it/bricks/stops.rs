@@ -160,6 +160,16 @@ fn missing_and_damaged_bricks_are_named_with_what_makes_them() {
         assert_eq!(code, 65, "{error}");
         assert!(error.contains("--portable"), "{error}");
     }
+    // More than any disk has room for is refused, not added up beyond the largest number.
+    let mut vast: serde_json::Value =
+        serde_json::from_str(&fs::read_to_string(place.join("p.json")).unwrap()).unwrap();
+    vast["leaf_bytes"] = u64::MAX.into();
+    fs::write(place.join("vast.json"), vast.to_string()).unwrap();
+    for line in ["merge vast.json", "run vast.json --brick 1"] {
+        let (code, error) = refused(place, line);
+        assert_eq!(code, 74, "{error}");
+        assert!(error.contains("free"), "{error}");
+    }
     // Made by another version.
     let plan = fs::read_to_string(place.join("p.json")).unwrap();
     let other = plan.replacen(env!("CARGO_PKG_VERSION"), "0.0.7", 1);
