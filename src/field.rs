@@ -188,11 +188,11 @@ pub trait Field: Send + Sync {
         None
     }
 
-    /// Which leaves of a cube of 4^3 hold no sample within the background, nor does the layer around them,
-    /// all of these being negative, or all positive: bit `16 x + 4 y + z` of the first or second word for
-    /// leaf (x, y, z). From the cube's first sample and the samples' distance; of fields that know this
-    /// sooner than a bound of each leaf.
-    fn sides(&self, _first: Self::Point, _step: f64, _background: f64) -> Option<[u64; 2]> {
+    /// Which leaves of a cube of 4^3 hold no sample between the two ends of a band, nor does the layer around
+    /// them, all of these being at most the lesser end, or all at least the greater: bit `16 x + 4 y + z` of
+    /// the first or second word for leaf (x, y, z). From the cube's first sample and the samples' distance;
+    /// of fields that know this sooner than a bound of each leaf.
+    fn sides(&self, _first: Self::Point, _step: f64, _band: [f64; 2]) -> Option<[u64; 2]> {
         None
     }
 

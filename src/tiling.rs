@@ -414,9 +414,9 @@ impl<F: Filling> Field for TiledSolid<'_, F> {
         aligned.fill_leaves(leaves)
     }
 
-    fn sides(&self, first: WorldPoint, step: f64, background: f64) -> Option<[u64; 2]> {
+    fn sides(&self, first: WorldPoint, step: f64, band: [f64; 2]) -> Option<[u64; 2]> {
         let aligned = self.aligned.as_ref()?;
-        Some(aligned.sides(first.0, step, background))
+        Some(aligned.sides(first.0, step, band))
     }
 
     fn signs(&self, lattice: &SampleLattice<WorldPoint>, rows: &mut [u64]) -> u64 {

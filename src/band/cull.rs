@@ -173,7 +173,10 @@ impl<'a> Culler<'a> {
     fn part(&self, origin: Coord, sieve: &mut Sieve) -> bool {
         let first = self.transform.world(origin);
         let h = self.transform.voxel_size();
-        let Some([inside, outside]) = self.field.sides(first, h, self.background) else {
+        let Some([inside, outside]) =
+            self.field
+                .sides(first, h, [-self.background, self.background])
+        else {
             return false;
         };
         for half in 0..8 {

@@ -158,6 +158,7 @@ fn group_values(
     let together = culler.field.fill_leaves(&mut Leaves {
         origins: &origins[..leaves.len()],
         step,
+        by: 0.0,
         background,
         values,
         bits,

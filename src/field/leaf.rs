@@ -22,7 +22,9 @@ pub struct Leaves<'a, P: Point> {
     pub origins: &'a [P],
     /// Distance of neighbouring samples, in the frame's unit.
     pub step: f64,
-    /// Values are clamped to minus and plus this.
+    /// How far outwards the surface is moved, world units: this much is taken off the field's values.
+    pub by: f32,
+    /// Values are then clamped to minus and plus this.
     pub background: f32,
     /// Where the values go.
     pub values: &'a mut [[f32; 512]],

@@ -1,7 +1,7 @@
 //! Solids grown, shrunk and hollowed by a distance, as fields, and common parts whose distances hold
 //! beyond their edges.
 
-use super::{Field, Interval, SampleLattice, WorldField};
+use super::{Field, Interval, Leaves, SampleLattice, WorldField};
 use crate::frame::{Aabb, Vec3, WorldPoint};
 
 /// Least cosine between the normals of two surfaces whose edge is looked for: at sharper ones the two planes
@@ -17,6 +17,18 @@ pub struct Offset<'a> {
     pub by: f64,
     /// Half the thickness of a wall along the moved surface.
     pub half: Option<f64>,
+}
+
+impl Offset<'_> {
+    /// What it makes of a range of the field's values.
+    fn range(&self, b: Interval) -> Interval {
+        let moved = Interval::new(b.lo - self.by, b.hi - self.by);
+        let Some(half) = self.half else {
+            return moved;
+        };
+        let m = moved.magnitude();
+        Interval::new(m.lo - half, m.hi - half)
+    }
 }
 
 impl Field for Offset<'_> {
@@ -35,20 +47,40 @@ impl Field for Offset<'_> {
         }
     }
     fn bound(&self, region: &Aabb) -> Interval {
-        let b = self.field.bound(region);
-        let moved = Interval::new(b.lo - self.by, b.hi - self.by);
-        let Some(half) = self.half else {
-            return moved;
-        };
-        let m = moved.magnitude();
-        Interval::new(m.lo - half, m.hi - half)
+        self.range(self.field.bound(region))
+    }
+    fn bounds(&self, regions: &[Aabb; 8]) -> Option<[Interval; 8]> {
+        Some(self.field.bounds(regions)?.map(|b| self.range(b)))
     }
     fn fill(&self, lattice: &SampleLattice<WorldPoint>, out: &mut [f32]) {
-        self.field.fill(lattice, out);
+        self.fill_counting(lattice, out);
+    }
+    fn fill_counting(&self, lattice: &SampleLattice<WorldPoint>, out: &mut [f32]) -> u64 {
+        let looked = self.field.fill_counting(lattice, out);
         for v in out {
             let moved = f64::from(*v) - self.by;
             *v = self.half.map_or(moved, |half| moved.abs() - half) as f32;
         }
+        looked
+    }
+    fn fill_leaves(&self, leaves: &mut Leaves<'_, WorldPoint>) -> Option<u64> {
+        if self.half.is_some() {
+            return None;
+        }
+        self.field.fill_leaves(&mut Leaves {
+            origins: leaves.origins,
+            step: leaves.step,
+            by: leaves.by + self.by as f32,
+            background: leaves.background,
+            values: leaves.values,
+            bits: leaves.bits,
+        })
+    }
+    fn sides(&self, first: WorldPoint, step: f64, band: [f64; 2]) -> Option<[u64; 2]> {
+        if self.half.is_some() {
+            return None;
+        }
+        self.field.sides(first, step, band.map(|end| end + self.by))
     }
 }
 

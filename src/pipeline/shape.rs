@@ -343,14 +343,15 @@ impl Field for Shifted<'_> {
         self.field.fill_leaves(&mut Leaves {
             origins: &origins,
             step: leaves.step,
+            by: leaves.by,
             background: leaves.background,
             values: leaves.values,
             bits: leaves.bits,
         })
     }
-    fn sides(&self, first: Self::Point, step: f64, background: f64) -> Option<[u64; 2]> {
+    fn sides(&self, first: Self::Point, step: f64, band: [f64; 2]) -> Option<[u64; 2]> {
         let first = crate::frame::WorldPoint(first.0 + self.by);
-        self.field.sides(first, step, background)
+        self.field.sides(first, step, band)
     }
     fn signs(&self, lattice: &crate::field::SampleLattice<Self::Point>, rows: &mut [u64]) -> u64 {
         let origin = crate::frame::WorldPoint(lattice.origin.0 + self.by);
@@ -392,8 +393,8 @@ impl<F: Field> Field for Borrowed<'_, F> {
     fn fill_leaves(&self, leaves: &mut Leaves<'_, F::Point>) -> Option<u64> {
         self.0.fill_leaves(leaves)
     }
-    fn sides(&self, first: F::Point, step: f64, background: f64) -> Option<[u64; 2]> {
-        self.0.sides(first, step, background)
+    fn sides(&self, first: F::Point, step: f64, band: [f64; 2]) -> Option<[u64; 2]> {
+        self.0.sides(first, step, band)
     }
     fn signs(&self, lattice: &crate::field::SampleLattice<F::Point>, rows: &mut [u64]) -> u64 {
         self.0.signs(lattice, rows)

@@ -38,6 +38,8 @@ const FURTHEST: f64 = 2.2;
 const TRIALS: u32 = 64;
 /// Precision of bounds in single precision, as a share of the greatest value.
 const SINGLE: f64 = 2e-5;
+/// What rounding may make of a length, as a factor.
+const ROUNDED: f32 = 1.0 + 1e-6;
 /// Newton steps are damped where the slope is below this fraction of its mean.
 const DAMPING: f64 = 0.05;
 
@@ -139,6 +141,7 @@ impl Aligned {
             leaves: &mut Leaves {
                 origins: &[origin],
                 step,
+                by: 0.0,
                 background: self.function.rule.half_width,
                 values: &mut values,
                 bits: &mut [LeafBits::default()],
@@ -152,10 +155,11 @@ impl Aligned {
         step <= self.options.voxel_size * (1.0 + 1e-9)
     }
 
-    /// Fills leaves, if their background is that of the distances; says at how many points the field was
-    /// looked at.
+    /// Fills leaves, if distances hold as far as their background, moved as they are; says at how many points
+    /// the field was looked at.
     pub fn fill_leaves(&self, leaves: &mut Leaves<'_, WorldPoint>) -> Option<u64> {
-        if leaves.background != self.function.rule.half_width || !self.is_fine(leaves.step) {
+        let furthest = leaves.background + leaves.by.abs();
+        if furthest > self.function.rule.half_width * ROUNDED || !self.is_fine(leaves.step) {
             return None;
         }
         lanes::run(LeavesWork {
@@ -168,47 +172,50 @@ impl Aligned {
     }
 
     /// As [`Field::sides`](crate::field::Field::sides).
-    pub fn sides(&self, first: Vec3, step: f64, background: f64) -> [u64; 2] {
+    pub fn sides(&self, first: Vec3, step: f64, [low, high]: [f64; 2]) -> [u64; 2] {
         let w = self.options.half_width;
-        if background > w {
+        if high.max(-low) > w * f64::from(ROUNDED) {
             return [0; 2];
         }
+        // The scale is at least 1 / L, but says nothing of where distances of the other sign end.
+        let bound = |end: f64| (end.max(0.0) * self.slope_sup * (1.0 + 1e-6)) as f32;
         let [inside, outside] = lanes::run(SidesWork {
             function: &self.function,
             first,
             step,
-            bound: (background * self.slope_sup * (1.0 + 1e-6)) as f32,
+            bounds: [bound(high), bound(-low)],
         });
         if self.is_cut() {
-            self.cut_sides(first, step, background, [inside, outside])
+            self.cut_sides(first, step, [low, high], [inside, outside])
         } else {
             [inside, outside]
         }
     }
 
     /// What the box leaves of the sides of 4^3 leaves.
-    fn cut_sides(&self, first: Vec3, step: f64, background: f64, sides: [u64; 2]) -> [u64; 2] {
+    fn cut_sides(&self, first: Vec3, step: f64, band: [f64; 2], sides: [u64; 2]) -> [u64; 2] {
         let leaf = |axis: usize, n: usize| {
             let from = first[axis] + (8.0 * n as f64 - 1.0) * step;
             self.beyond_between(axis, from, from + 9.0 * step)
         };
         let along = [0, 1, 2].map(|axis| [0, 1, 2, 3].map(|n| leaf(axis, n)));
-        let bound = background * (1.0 + 1e-6);
+        let slack = 1e-6 * self.options.half_width;
+        let (least, most) = (band[0] - slack, band[1] + slack);
         let furthest = along
             .as_flattened()
             .iter()
             .fold(f64::MIN, |m, b| m.max(b.1));
         let [mut inside, mut outside] = sides;
-        if furthest <= -bound {
+        if furthest <= least {
             return sides;
         }
         for n in 0..64 {
             let of = [along[0][n >> 4], along[1][n >> 2 & 3], along[2][n & 3]];
             let (low, high) = (of.map(|b| b.0), of.map(|b| b.1));
-            if box_distance(low.into()) >= bound {
+            if box_distance(low.into()) >= most {
                 outside |= 1 << n;
             }
-            if box_distance(high.into()) > -bound {
+            if box_distance(high.into()) > least {
                 inside &= !(1 << n);
             }
         }

@@ -216,8 +216,8 @@ impl Products {
         }
     }
 
-    /// In which of 8^3 boxes the solid's field is proved to be above `bound`, and in which below
-    /// `-bound`, from the functions at their centres and half their edges in radians along each axis; one
+    /// In which of 8^3 boxes the solid's field is proved to be above the first of `bounds`, and in which
+    /// below minus the second, from the functions at their centres and half their edges in radians along each axis; one
     /// bit by box along z, `[x][y]`. The sum is computed to `precision` of its greatest size.
     #[inline(always)]
     pub fn sides<L: Lanes>(
@@ -225,10 +225,10 @@ impl Products {
         l: L,
         at: [&Along<[f32; 8]>; 3],
         half: &[[f32; 8]; 3],
-        bound: f32,
+        bounds: [f32; 2],
         precision: f32,
     ) -> [[[u8; 8]; 8]; 2] {
-        let limits = [bound, self.least_reach(half, precision)];
+        let limits = (bounds, self.least_reach(half, precision));
         match self.along_z.len() {
             1 => self.sides_of::<L, 1>(l, at, half, limits),
             2 => self.sides_of::<L, 2>(l, at, half, limits),
@@ -266,7 +266,7 @@ impl Products {
         l: L,
         [x, y, z]: [&Along<[f32; 8]>; 3],
         half: &[[f32; 8]; 3],
-        [bound, least_reach]: [f32; 2],
+        (bounds, least_reach): ([f32; 2], f32),
     ) -> [[[u8; 8]; 8]; 2] {
         let zero = l.splat(0.0);
         let (mut along_z, mut turned_z) = ([zero; N], [zero; N]);
@@ -275,7 +275,7 @@ impl Products {
             along_z[n] = l.load(&z[of.function & MASK]);
             turned_z[n] = l.mul(l.load(&z[turned & MASK]), l.splat(rate as f32));
         }
-        let (above, below) = (l.splat(bound), l.splat(-bound));
+        let (above, below) = (l.splat(bounds[0]), l.splat(-bounds[1]));
         let (curved, half_z) = (l.splat(least_reach), l.load(&half[2]));
         let mut sides = [[[0; 8]; 8]; 2];
         for i in 0..8 {

@@ -35,7 +35,7 @@ impl Work for LeavesWork<'_, '_> {
             is_cut,
             leaves,
         } = self;
-        let (step, background) = (leaves.step, leaves.background);
+        let (step, by, background) = (leaves.step, leaves.by, leaves.background);
         let mut across = [Axis::NONE; 2];
         let mut along = [Axis::NONE; KEPT];
         let mut column = Column::default();
@@ -65,11 +65,12 @@ impl Work for LeavesWork<'_, '_> {
             let sweep = Sweep {
                 function,
                 scales,
+                by,
                 background,
                 at: [x, y, z],
             };
             let outermost = x.outermost().max(y.outermost()).max(z.outermost());
-            let is_cut = is_cut && outermost > -background;
+            let is_cut = is_cut && outermost > by - background;
             *bits = match (scales.nodes(), is_cut) {
                 (4, false) => sweep.run::<L, 4, false>(l, rows),
                 (4, true) => sweep.run::<L, 4, true>(l, rows),
@@ -88,6 +89,8 @@ impl Work for LeavesWork<'_, '_> {
 struct Sweep<'a> {
     function: &'a Function,
     scales: &'a Scales,
+    /// How far outwards the surface is moved.
+    by: f32,
     background: f32,
     at: [&'a Axis; 3],
 }
@@ -103,6 +106,7 @@ impl Sweep<'_> {
         let Self {
             function,
             scales,
+            by,
             background,
             at,
         } = *self;
@@ -112,8 +116,13 @@ impl Sweep<'_> {
         let same = |v: f32| two.each([v; 2]);
         let (zero, least) = (same(0.0), same(rule.least));
         let (limit, minus) = (same(background), same(-background));
-        let reach = same(rule.reach);
-        let beyond = same(background / rule.least);
+        let back = same(-by);
+        // Where the field is further from this than that, neighbours lie on the same side of the moved
+        // surface: at it the field lies between 0 and `by` times its greatest slope.
+        let middle = 0.5 * by / rule.least;
+        let (less, reach) = (same(-middle), same(rule.reach + middle.abs()));
+        let one = same(1.0);
+        let beyond = same((background + by.abs()) / rule.least);
         let mut planes = [[zero; N]; 4];
         let mut along_z = [l.splat(0.0); crate::cell::FUNCTIONS];
         if N == EVERY {
@@ -129,7 +138,7 @@ impl Sweep<'_> {
             finite: true,
             ..LeafBits::default()
         };
-        // The greatest distances where the field is so small that a neighbour may have the other sign.
+        // The greatest distances where the field is such that a neighbour may have the other sign.
         let mut doubt = zero;
         for (i, slab) in rows.as_chunks_mut::<8>().0.iter_mut().enumerate() {
             let shares = Scales::shares::<L, N>(l, x, i);
@@ -137,10 +146,9 @@ impl Sweep<'_> {
             for (pair, rows) in slab.as_chunks_mut().0.iter_mut().enumerate() {
                 let j = (2 * pair) & 7;
                 let f = two.load(rows);
-                let small = two.magnitude(f);
                 let mut s = zero;
                 if N == EVERY {
-                    if two.below(small, beyond) != 0 {
+                    if two.below(two.magnitude(f), beyond) != 0 {
                         let at_x = splatted(l, &x.along, i);
                         let at_y = [splatted(l, &y.along, j), splatted(l, &y.along, j + 1)];
                         s = two.pair([
@@ -154,13 +162,15 @@ impl Sweep<'_> {
                     }
                 }
                 s = two.max(s, least);
-                let (mut d, mut size) = (two.mul(f, s), two.mul(small, s));
-                doubt = two.max(doubt, two.select_below(small, reach, size, zero));
+                let mut d = two.fused(f, s, back);
+                let mut size = two.magnitude(d);
+                let off = two.magnitude(two.fused(f, one, less));
+                doubt = two.max(doubt, two.select_below(off, reach, size, zero));
                 if CUT {
                     let (ox, oy) = (x.beyond[i & 7], [y.beyond[j], y.beyond[j + 1]]);
                     let ends = [
-                        to_box(l, ox, oy[0], outside_z),
-                        to_box(l, ox, oy[1], outside_z),
+                        l.sub(to_box(l, ox, oy[0], outside_z), l.splat(by)),
+                        l.sub(to_box(l, ox, oy[1], outside_z), l.splat(by)),
                     ];
                     d = two.max(d, two.pair(ends));
                     size = two.magnitude(d);

@@ -20,8 +20,8 @@ pub(super) struct SidesWork<'a> {
     /// The first sample.
     pub first: Vec3,
     pub step: f64,
-    /// Beyond this the field is beyond the band.
-    pub bound: f32,
+    /// Above the first and below minus the second the field is beyond the band.
+    pub bounds: [f32; 2],
 }
 
 impl Work for SidesWork<'_> {
@@ -32,7 +32,7 @@ impl Work for SidesWork<'_> {
             function,
             first,
             step,
-            bound,
+            bounds,
         } = self;
         let (products, periods) = (&function.products, &function.periods);
         let mut tables = [[[0.0; 8]; crate::cell::FUNCTIONS]; 3];
@@ -49,7 +49,7 @@ impl Work for SidesWork<'_> {
             tables[axis] = stored(l, &products.along(l, &parts));
         }
         let [x, y, z] = &tables;
-        let [above, below] = products.sides(l, [x, y, z], &halves, bound, SINGLE as f32);
+        let [above, below] = products.sides(l, [x, y, z], &halves, bounds, SINGLE as f32);
         [leaves_of(&below), leaves_of(&above)]
     }
 }
