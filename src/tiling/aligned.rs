@@ -99,8 +99,12 @@ impl Aligned {
             scales: Scales::of_every_sample(),
         };
         let table = Scales::new(&aligned.function, h);
-        let mut nodes = [4, 5, 6].into_iter().map(|n| table.clone().with_nodes(n));
-        if let Some(scales) = nodes.find(|scales| aligned.suffice(scales)) {
+        let mut few = [4, 5, 6].into_iter().map(|n| table.clone().with_nodes(n));
+        let found = few.find(|scales| aligned.suffice(scales)).or_else(|| {
+            let local = Scales::local(&aligned.function, h)?;
+            aligned.suffice(&local).then_some(local)
+        });
+        if let Some(scales) = found {
             aligned.scales = scales;
         }
         Some(aligned)

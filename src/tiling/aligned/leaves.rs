@@ -7,7 +7,7 @@
 #![allow(clippy::inline_always)]
 
 use super::kernel::{Function, scale, splatted};
-use super::scales::{Axis, EVERY, MOST, Scales};
+use super::scales::{Axis, EVERY, LOCAL, MOST, Scales, sharing};
 use crate::cell::Column;
 use crate::field::{LeafBits, Leaves};
 use crate::frame::WorldPoint;
@@ -78,6 +78,8 @@ impl Work for LeavesWork<'_, '_> {
                 (5, true) => sweep.run::<L, 5, true>(l, rows),
                 (MOST, false) => sweep.run::<L, MOST, false>(l, rows),
                 (MOST, true) => sweep.run::<L, MOST, true>(l, rows),
+                (LOCAL, false) => sweep.run::<L, LOCAL, false>(l, rows),
+                (LOCAL, true) => sweep.run::<L, LOCAL, true>(l, rows),
                 (_, false) => sweep.run::<L, EVERY, false>(l, rows),
                 (_, true) => sweep.run::<L, EVERY, true>(l, rows),
             };
@@ -141,7 +143,7 @@ impl Sweep<'_> {
         // The greatest distances where the field is such that a neighbour may have the other sign.
         let mut doubt = zero;
         for (i, slab) in rows.as_chunks_mut::<8>().0.iter_mut().enumerate() {
-            let shares = Scales::shares::<L, N>(l, x, i);
+            let (from, shares) = Scales::shares::<L, N>(l, x, i);
             let (mut negative, mut within) = (0, 0);
             for (pair, rows) in slab.as_chunks_mut().0.iter_mut().enumerate() {
                 let j = (2 * pair) & 7;
@@ -157,8 +159,9 @@ impl Sweep<'_> {
                         ]);
                     }
                 } else {
-                    for n in 0..N {
-                        s = two.fused(shares[n], planes[pair & 3][n], s);
+                    for n in 0..sharing(N) {
+                        let plane = planes[pair & 3][(from + n).min(N - 1)];
+                        s = two.fused(shares[n], plane, s);
                     }
                 }
                 s = two.max(s, least);

@@ -2,8 +2,12 @@
 //!
 //! The scale is smooth where cells are large in voxels, and periodic as the field is: it is found once, on
 //! a lattice over one period, and the leaves take theirs from a few nodes of it along each axis, close to
-//! Chebyshev's, by Lagrange's polynomials. How many nodes do is tried out; if none do, every sample has
-//! its own scale.
+//! Chebyshev's, by Lagrange's polynomials. How many nodes do is tried out.
+//!
+//! Where the band is so wide that its leaves reach to where the scale leaps, half a wall or gap away, no
+//! polynomial over the whole of a leaf follows it. There a sample takes its scale from the four places about
+//! it along each axis, of a table of about a place a voxel; if that does not do either, every sample has its
+//! own scale.
 // Small functions of hot paths, which must be compiled for the processor that their caller is for.
 #![allow(clippy::inline_always)]
 
@@ -13,9 +17,11 @@ use crate::cell::{Along, FUNCTIONS};
 use crate::lanes::{Lanes, Pair, Twice, Work};
 
 /// Nodes along an axis where every sample is one.
-pub(super) const EVERY: usize = 8;
-/// Most nodes along an axis, otherwise.
+pub(super) const EVERY: usize = 12;
+/// Most nodes along an axis of which all have a share in each sample.
 pub(super) const MOST: usize = 6;
+/// Nodes along an axis where four have a share in a sample.
+pub(super) const LOCAL: usize = 11;
 /// Least and most places of the lattice along an axis. Multiples of eight, so that the middles between
 /// them are far from the points of special symmetry, at which slopes vanish and scales leap.
 const PLACES: [f64; 2] = [16.0, 64.0];
@@ -25,9 +31,11 @@ const PLACES: [f64; 2] = [16.0, 64.0];
 pub(super) struct Scales {
     /// Places along each axis.
     counts: [usize; 3],
+    /// Places from the beginning of each row along z that come again at its end.
+    again: usize,
     /// z fastest; the first one half a place from reference coordinates 0.
     values: Vec<f32>,
-    /// At most [`MOST`], or [`EVERY`].
+    /// At most [`MOST`], or [`LOCAL`], or [`EVERY`].
     nodes: usize,
     /// Where the nodes are wanted, in halves of a leaf from its centre.
     wanted: [f64; MOST],
@@ -40,9 +48,11 @@ pub(super) struct Axis {
     pub origin: f64,
     pub along: Along<[f32; 8]>,
     /// Where the nodes are in the table of scales.
-    nodes: [usize; MOST],
+    nodes: [usize; LOCAL],
+    /// Of each sample, the first node that has a share in it, where four have.
+    from: [usize; 8],
     /// Of each node, its share in each sample.
-    shares: [[f32; 8]; MOST],
+    shares: [[f32; 8]; LOCAL],
     /// How far outside the box the samples lie.
     pub beyond: [f32; 8],
 }
@@ -51,8 +61,9 @@ impl Axis {
     pub const NONE: Self = Self {
         origin: f64::NAN,
         along: [[0.0; 8]; FUNCTIONS],
-        nodes: [0; MOST],
-        shares: [[0.0; 8]; MOST],
+        nodes: [0; LOCAL],
+        from: [0; 8],
+        shares: [[0.0; 8]; LOCAL],
         beyond: [0.0; 8],
     };
 
@@ -78,9 +89,33 @@ impl Scales {
         let voxels = (function.periods.rate * voxel_size).map(f64::recip);
         let [least, most] = PLACES;
         let count = |axis: usize| (voxels[axis].clamp(least, most) / 8.0).ceil() as usize * 8;
-        let counts = [count(0), count(1), count(2)];
+        Self::with_places::<true>(function, [count(0), count(1), count(2)])
+    }
+
+    /// A table of places no nearer to each other than voxels, each sample's scale from the four places about
+    /// it along each axis; none for cells of few voxels.
+    pub fn local(function: &Function, voxel_size: f64) -> Option<Self> {
+        let voxels = (function.periods.rate * voxel_size).map(|r| r.recip() * (1.0 + 1e-9));
+        let [least, most] = PLACES;
+        if voxels.min() < least {
+            return None;
+        }
+        let count = |axis: usize| (voxels[axis].min(most) / 8.0) as usize * 8;
+        let table = Self::with_places::<false>(function, [count(0), count(1), count(2)]);
+        let rows = table.values.chunks_exact(table.counts[2]);
+        let values = rows.flat_map(|row| [row, &row[..LOCAL]].concat()).collect();
+        Some(Self {
+            again: LOCAL,
+            values,
+            nodes: LOCAL,
+            ..table
+        })
+    }
+
+    /// A table of so many places along each axis; `SMOOTH` as of [`scale`].
+    fn with_places<const SMOOTH: bool>(function: &Function, counts: [usize; 3]) -> Self {
         let mut values = vec![0.0; counts.iter().product()];
-        crate::lanes::run(TableWork {
+        crate::lanes::run(TableWork::<SMOOTH> {
             function,
             counts,
             values: &mut values,
@@ -135,18 +170,52 @@ impl Scales {
         }
         if self.nodes <= MOST {
             self.place_nodes(l, axis, &places, &mut of);
+        } else if self.nodes == LOCAL {
+            self.place_local(axis, &places, &mut of);
         }
         of
+    }
+
+    /// The step of the table from one place to the next along an axis.
+    #[inline(always)]
+    fn stride(&self, axis: usize) -> usize {
+        let row = self.counts[2] + self.again;
+        match axis {
+            0 => self.counts[1] * row,
+            1 => row,
+            _ => 1,
+        }
+    }
+
+    /// Takes all places about the samples for nodes; each sample has its shares of the four about it, by
+    /// Lagrange's cubic.
+    #[inline(always)]
+    fn place_local(&self, axis: usize, places: &[f64; 8], of: &mut Axis) {
+        let first = places[0].floor() as i64 - 1;
+        for n in 0..LOCAL {
+            let place = (first + n as i64).rem_euclid(self.counts[axis] as i64);
+            of.nodes[n] = place as usize * self.stride(axis);
+        }
+        let mut from = 0;
+        for v in 0..8 {
+            // At most a place further than the sample before, rounding or not.
+            let next = places[v].floor() as i64 - 1 - first;
+            from = next.clamp(from, from + i64::from(v > 0));
+            let t = (places[v] - (first + from + 1) as f64) as f32;
+            let [a, b, c] = [t + 1.0, t - 1.0, t - 2.0];
+            let at = from as usize & 7;
+            of.from[v] = at;
+            of.shares[at][v] = t * b * c / -6.0;
+            of.shares[at + 1][v] = a * b * c / 2.0;
+            of.shares[at + 2][v] = a * t * c / -2.0;
+            of.shares[at + 3][v] = a * t * b / 6.0;
+        }
     }
 
     /// Finds the nodes of samples at so many places of the table, and their shares in them.
     #[inline(always)]
     fn place_nodes<L: Lanes>(&self, l: L, axis: usize, places: &[f64; 8], of: &mut Axis) {
-        let stride = match axis {
-            0 => self.counts[1] * self.counts[2],
-            1 => self.counts[2],
-            _ => 1,
-        };
+        let stride = self.stride(axis);
         let middle = f64::midpoint(places[0], places[7]);
         let half = (places[7] - places[0]) / 2.0;
         let mut at = [0i64; MOST];
@@ -189,6 +258,16 @@ impl Scales {
     /// is to add up those of x, with the shares that [`Self::shares`] gives.
     #[inline(always)]
     pub fn planes<L: Lanes, const N: usize>(&self, l: L, at: [&Axis; 3]) -> [[Pair<L>; N]; 4] {
+        if N == LOCAL {
+            let local = self.local_planes(l, at);
+            let mut planes = [[l.two().each([0.0; 2]); N]; 4];
+            for v in 0..4 {
+                for n in 0..N {
+                    planes[v][n] = local[v][n.min(LOCAL - 1)];
+                }
+            }
+            return planes;
+        }
         let [x, y, z] = at;
         let zero = l.splat(0.0);
         let mut along_z = [zero; N];
@@ -219,25 +298,77 @@ impl Scales {
         planes
     }
 
-    /// Each node's share in sample `v` along an axis; nothing where every sample has its own scale.
+    /// [`Self::planes`] of the nodes of which four have a share in a sample.
     #[inline(always)]
-    pub fn shares<L: Lanes, const N: usize>(l: L, axis: &Axis, v: usize) -> [Pair<L>; N] {
-        let mut shares = [l.two().each([0.0; 2]); N];
-        for n in 0..N.min(MOST) {
-            shares[n] = l.two().each([axis.shares[n][v & 7]; 2]);
+    fn local_planes<L: Lanes>(&self, l: L, at: [&Axis; 3]) -> [[Pair<L>; LOCAL]; 4] {
+        let [x, y, z] = at;
+        let zero = l.splat(0.0);
+        let mut along_z = [zero; LOCAL];
+        for k in 0..LOCAL {
+            along_z[k] = l.load(&z.shares[k]);
         }
-        shares
+        let two = l.two();
+        let none = two.each([0.0; 2]);
+        let mut planes = [[none; LOCAL]; 4];
+        for i in 0..LOCAL {
+            let mut rows = [zero; LOCAL];
+            for j in 0..LOCAL {
+                let row = x.nodes[i] + y.nodes[j] + z.nodes[0];
+                let Some(values) = self.values[row..].first_chunk::<LOCAL>() else {
+                    continue;
+                };
+                for k in 0..LOCAL {
+                    rows[j] = l.fused(l.splat(values[k]), along_z[k], rows[j]);
+                }
+            }
+            for v in 0..4 {
+                // The second sample's nodes begin at most one further.
+                let from = y.from[2 * v];
+                for n in 0..5 {
+                    let j = (from + n).min(LOCAL - 1);
+                    let shares = two.each([y.shares[j][2 * v], y.shares[j][2 * v + 1]]);
+                    planes[v][i] = two.fused(shares, two.pair([rows[j], rows[j]]), planes[v][i]);
+                }
+            }
+        }
+        planes
+    }
+
+    /// The first of the nodes that have a share in sample `v` along an axis, and their shares; none where
+    /// every sample has its own scale.
+    #[inline(always)]
+    pub fn shares<L: Lanes, const N: usize>(
+        l: L,
+        axis: &Axis,
+        v: usize,
+    ) -> (usize, [Pair<L>; MOST]) {
+        let from = if N == LOCAL { axis.from[v & 7] & 7 } else { 0 };
+        let mut shares = [l.two().each([0.0; 2]); MOST];
+        for n in 0..sharing(N) {
+            shares[n] = l.two().each([axis.shares[from + n][v & 7]; 2]);
+        }
+        (from, shares)
+    }
+}
+
+/// How many of N nodes have a share in a sample.
+pub(super) const fn sharing(nodes: usize) -> usize {
+    match nodes {
+        EVERY => 0,
+        LOCAL => 4,
+        few => few,
     }
 }
 
 /// A table to be filled.
-struct TableWork<'a> {
+/// `SMOOTH` as of [`scale`].
+struct TableWork<'a, const SMOOTH: bool> {
     function: &'a Function,
     counts: [usize; 3],
     values: &'a mut [f32],
 }
 
-impl Work for TableWork<'_> {
+impl<const SMOOTH: bool> Work for TableWork<'_, SMOOTH> {
     type Output = ();
     #[inline(always)]
     fn run<L: Lanes>(self, l: L) {
@@ -269,7 +400,7 @@ impl Work for TableWork<'_> {
                 for n in 1..FUNCTIONS {
                     along_z[n] = l.load(&z[n]);
                 }
-                let found = scale::<L, true>(l, function, [&at_x, &at_y, &along_z]);
+                let found = scale::<L, SMOOTH>(l, function, [&at_x, &at_y, &along_z]);
                 l.store(found, values);
             }
         }
