@@ -21,9 +21,12 @@ use super::smooth::LeafRef;
 use crate::frame::Coord;
 use rayon::prelude::*;
 
+mod block;
+mod list;
 mod points;
 mod search;
 
+use block::Move;
 use points::{Point, Stencils};
 use search::Search;
 
@@ -140,12 +143,14 @@ impl SurfacePoints {
     /// The leaf at `origin` with the surface moved outwards by `by` world units (inwards if negative).
     /// `inside` says which of its voxels lay inside, laid out as masks.
     pub fn moved(&self, origin: Coord, inside: &[u64; 8], by: f64) -> MovedLeaf {
-        let mut search = Search::new(
-            inside,
-            by as f32 / self.voxel_size,
-            self.background / self.voxel_size,
-        );
-        let most = search.most(*inside);
+        let lengths = Move {
+            by: by as f32 / self.voxel_size,
+            half_width: self.background / self.voxel_size,
+            voxel_size: self.voxel_size,
+            background: self.background,
+        };
+        let mut search = Search::new(inside, lengths);
+        let most = search.most();
         if most > 0.0 {
             let steps = search::around(most);
             for step in &steps {
@@ -159,6 +164,6 @@ impl SurfacePoints {
                 search.enter(places, range.start, [x, y, z]);
             }
         }
-        search.leaf(&self.points, self.voxel_size, self.background)
+        search.leaf(&self.points)
     }
 }

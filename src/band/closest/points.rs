@@ -1,8 +1,10 @@
 //! Points of the surface on the edges of the voxel lattice.
+// Must be compiled for the processor that its caller is for.
+#![allow(clippy::inline_always)]
 
-use super::super::leaf::VOXELS;
 use super::super::smooth::LeafRef;
 use crate::frame::Coord;
+use crate::lanes::{Lanes, Work, run};
 use std::ops::Range;
 
 /// A leaf with one layer of voxels before it and two behind it.
@@ -49,6 +51,29 @@ impl Default for Stencils {
     }
 }
 
+/// A bit for each negative value of the nine along z from a leaf's first on, `[x][y]`.
+struct Negative<'a>(&'a [f32; EDGE * EDGE * EDGE]);
+
+impl Work for Negative<'_> {
+    type Output = [[u16; 9]; 9];
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, l: L) -> Self::Output {
+        let zero = l.splat(0.0);
+        let mut all = [[0; 9]; 9];
+        for x in 0..9 {
+            for y in 0..9 {
+                let from = (x + 1) * STRIDES[0] + (y + 1) * STRIDES[1] + 1;
+                if let Some(row) = self.0[from..].first_chunk() {
+                    let last = u16::from(self.0[from + 8] < 0.0);
+                    all[x][y] = u16::from(l.below(l.load(row), zero)) | last << 8;
+                }
+            }
+        }
+        all
+    }
+}
+
 impl Stencils {
     /// Takes the voxels of a leaf and of those about it. What is beyond the leaves has the sign of the
     /// leaf's voxel nearest to it.
@@ -87,13 +112,17 @@ impl Stencils {
     /// The points on edges that begin in the leaf, in the order of its voxels.
     pub fn points(&self) -> Vec<Point> {
         let mut points = Vec::new();
-        for n in 0..VOXELS {
-            let place = [n >> 6, n >> 3 & 7, n & 7];
-            let at = (0..3).map(|a| (place[a] + 1) * STRIDES[a]).sum::<usize>();
-            for axis in 0..3 {
-                let ends = [self.values[at], self.values[at + STRIDES[axis]]];
-                if (ends[0] < 0.0) != (ends[1] < 0.0) {
-                    points.push(self.point(place, at, axis));
+        let negative = run(Negative(&self.values));
+        for (x, y) in (0..8).flat_map(|x| (0..8).map(move |y| (x, y))) {
+            let own = negative[x][y];
+            let changes = [negative[x + 1][y], negative[x][y + 1], own >> 1].map(|o| own ^ o);
+            let mut left = (changes[0] | changes[1] | changes[2]) & 0xff;
+            while left != 0 {
+                let z = left.trailing_zeros() as usize;
+                left &= left - 1;
+                let at = (x + 1) * STRIDES[0] + (y + 1) * STRIDES[1] + z + 1;
+                for axis in (0..3).filter(|&a| changes[a] >> z & 1 == 1) {
+                    points.push(self.point([x, y, z], at, axis));
                 }
             }
         }
