@@ -141,7 +141,7 @@ impl<'a> Search<'a> {
             let bit = 8 * y + z;
             let four = |slab: usize| {
                 let row = self.inside[slab] >> bit;
-                (row & 3 | row >> 6 & 12) as u8
+                (row & 0b11 | row >> 6 & 0b1100) as u8
             };
             let found = run(Block {
                 list,
