@@ -1,8 +1,9 @@
 //! Boxes of hexes along the voxels: the way through tables along the axes beside the general one.
 
+use crate::band::dense_region;
 use druse::band::{Band, LeafMap};
 use druse::cell::{Cell, Solid, Surface, Table};
-use druse::field::{Field, Interval, SampleLattice};
+use druse::field::{Field, Interval, Offset, SampleLattice};
 use druse::frame::{Aabb, CellBox, CellPoint, Element, Transform, Vec3, WorldPoint};
 use druse::progress::{Silent, Threads};
 use druse::scaffold::{Kind, Scaffold};
@@ -313,5 +314,79 @@ fn a_band_is_the_same_without_what_the_field_knows_sooner() {
         }
         // Else the law would be an empty one.
         assert!(half_width > 1.0 || by_signs > 0);
+    }
+}
+
+/// Moved fields fill leaves in bulk and are culled by cubes of leaves, which single values know nothing of.
+#[test]
+fn bands_of_moved_fields_are_those_of_their_values() {
+    let scaffold = Scaffold::box_grid(Vec3::repeat(2.0), [2; 3], Kind::Hex8).unwrap();
+    let h = 0.03;
+    let width = 3.0 * h;
+    let transform = Transform::new(h).unwrap();
+    // Not by whole voxels, which would put the walls of the box where the band ends.
+    for (cell, by) in cells().iter().take(3).zip([0.93, -0.87, 0.7]) {
+        let table = Table::new(cell).unwrap();
+        let options = TilingOptions {
+            voxel_size: h,
+            // A little further than the band, moved, so that none of it lies where distances end.
+            half_width: width + 1.1 * h,
+            distance: Distance::Fast,
+            boundary: Boundary::Cut,
+        };
+        let moved = Offset {
+            field: Box::new(TiledSolid::new(&scaffold, &table, options).unwrap()),
+            by: by * h,
+            half: None,
+        };
+        let sink = LeafMap::default();
+        let band = Band {
+            field: &moved,
+            transform,
+            half_width: 3.0,
+            extent: scaffold.bounds().dilated(2.0 * h),
+        };
+        let one = Threads::new(1).unwrap();
+        let stats = band.evaluate(&one, &Silent, &sink).unwrap();
+        let found = sink.into_leaves();
+        let value = |c| moved.value(transform.world(c)) as f32;
+        let expected = dense_region(value, width as f32, [-8; 3], [80; 3]);
+        let (mut squares, mut count) = (0.0, 0u64);
+        for (origin, (mask, values)) in &expected {
+            let none = ([0; 8], [0.0; 512]);
+            let leaf = found.get(origin).unwrap_or(&none);
+            for (n, &v) in values.iter().enumerate() {
+                // Scales between those of a table are not exact: voxels at the band's edge may be lost.
+                let is_safe = f64::from(v.abs()) < width - 0.1 * h;
+                if mask[n / 64] >> (n % 64) & 1 != 0 && is_safe {
+                    assert!(leaf.0[n / 64] >> (n % 64) & 1 != 0, "{origin:?} {n} {v}");
+                    let off = f64::from((leaf.1[n] - v).abs()) / h;
+                    assert!(
+                        off < 0.1,
+                        "{} {origin:?} {n}: {v} {}",
+                        cell.name(),
+                        leaf.1[n]
+                    );
+                    squares += off * off;
+                    count += 1;
+                }
+            }
+        }
+        let rms = f64::sqrt(squares / count as f64);
+        assert!(
+            count > 50_000 && rms < 0.01,
+            "{}: {count} {rms}",
+            cell.name()
+        );
+        let active = expected
+            .values()
+            .map(|(m, _)| m.iter().map(|w| w.count_ones()).sum::<u32>());
+        let active = f64::from(active.sum::<u32>());
+        assert!(
+            (stats.active_voxels as f64 / active - 1.0).abs() < 0.01,
+            "{}: {} {active}",
+            cell.name(),
+            stats.active_voxels
+        );
     }
 }
