@@ -32,8 +32,6 @@ use search::Search;
 
 /// Least half width in voxels of a band whose surface has points: stencils reach two voxels beyond it.
 const LEAST_HALF_WIDTH: f32 = 3.0;
-/// Half the diagonal of a leaf's samples, voxels.
-const LEAF_RADIUS: f32 = 6.063;
 
 /// Points of the surface of a level set, by the leaves that they lie in.
 pub struct SurfacePoints {

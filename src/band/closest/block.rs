@@ -3,7 +3,7 @@
 // arithmetic on lanes stands in no closure, which would not be.
 #![allow(clippy::inline_always)]
 
-use super::list::{List, squares};
+use super::list::{Cube, List, Middle, Reach};
 use super::points::Point;
 use crate::lanes::{Lanes, Work};
 
@@ -51,9 +51,9 @@ pub(super) struct Block<'a> {
     pub list: &'a List,
     pub points: &'a [Point],
     /// The least voxel.
-    pub first: [f32; 3],
-    /// Square of how far from the middle they may be.
-    pub limit: f32,
+    pub first: [usize; 3],
+    /// Farthest that a point can matter, voxels.
+    pub most: f32,
     /// A bit for each voxel inside.
     pub inside: u8,
     pub lengths: Move,
@@ -63,16 +63,19 @@ impl Block<'_> {
     /// The nearest point to each voxel: squares of distances, and places in the list.
     #[inline(always)]
     fn nearest<L: Lanes>(&self, l: L, [x, y, z]: [L::F; 3]) -> (L::F, L::F) {
-        let [a, b, c] = self.first;
-        let centre = [l.splat(a + 0.5), l.splat(b + 0.5), l.splat(c + 0.5)];
-        let limit = l.splat(self.limit);
+        let cube = Cube::new(self.first, 2);
+        let reach = Reach {
+            cube,
+            middle: Middle::of(l, self.list.places(), cube),
+            most: self.most,
+        };
         let (mut least, mut place) = (l.splat(f32::INFINITY), l.splat(0.0));
         let [xs, ys, zs] = &self.list.at;
         let xs = xs.as_chunks::<8>().0.iter();
         let rest = ys.as_chunks::<8>().0.iter().zip(zs.as_chunks::<8>().0);
         let mut number = 0;
         for (px, (py, pz)) in xs.zip(rest) {
-            let mut bits = l.below(squares(l, [px, py, pz], centre), limit);
+            let mut bits = reach.holds(l, [px, py, pz]);
             while bits != 0 {
                 let n = bits.trailing_zeros() as usize & 7;
                 bits &= bits - 1;
@@ -96,6 +99,7 @@ impl Work for Block<'_> {
     #[inline(always)]
     fn run<L: Lanes>(self, l: L) -> Self::Output {
         let [a, b, c] = self.first;
+        let [a, b, c] = [a as f32, b as f32, c as f32];
         let x = l.load(&[a, a, a, a, a + 1.0, a + 1.0, a + 1.0, a + 1.0]);
         let y = l.load(&[b, b, b + 1.0, b + 1.0, b, b, b + 1.0, b + 1.0]);
         let z = l.load(&[c, c + 1.0, c, c + 1.0, c, c + 1.0, c, c + 1.0]);

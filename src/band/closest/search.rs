@@ -1,10 +1,10 @@
 //! The nearest points of the voxels of a leaf, by halving the leaf and the list of points.
 
 use super::super::leaf::LEAF;
+use super::MovedLeaf;
 use super::block::{Block, Move};
-use super::list::{Least, List, Places, limit, taken};
+use super::list::{Cube, List, Middle, Nearest, Places, Reach};
 use super::points::Point;
-use super::{LEAF_RADIUS, MovedLeaf};
 use crate::lanes::run;
 use std::cell::Cell;
 
@@ -69,20 +69,23 @@ impl<'a> Search<'a> {
 
     /// What may be nearest to a voxel of the leaf.
     fn near(&self, most: f32, list: &mut List) {
-        let about = |away: &[f32; 3]| away.map(|c| 3.5 - c);
-        let mut least = f32::INFINITY;
+        let cube = Cube::new([0; 3], LEAF as usize);
+        let mut middle = Middle::NONE;
         for (at, _, away) in &self.parts {
-            let centre = about(away);
-            least = least.min(run(Least { at: *at, centre }));
+            let cube = cube.seen_from(*away);
+            let own = run(Nearest { at: *at, cube });
+            if own.square < middle.square {
+                middle = own.seen_from(away.map(|c| -c));
+            }
         }
-        let limit = limit(least, LEAF_RADIUS, most);
         list.clear();
         for (at, first, away) in &self.parts {
-            let taken = taken(&mut list.taken, *at, about(away), limit);
-            for a in 0..3 {
-                list.at[a].extend(taken.iter().map(|&n| at[a][n as usize] + away[a]));
-            }
-            list.of.extend(taken.iter().map(|n| first + n));
+            let reach = Reach {
+                cube: cube.seen_from(*away),
+                middle: middle.seen_from(*away),
+                most,
+            };
+            list.add(*at, reach, *away, *first);
         }
     }
 
@@ -105,10 +108,8 @@ impl<'a> Search<'a> {
             if most <= 0.0 {
                 continue;
             }
-            let centre = corner.map(|c| c as f32 + 1.5);
-            part.narrow(own, centre, (2.599, most));
+            part.narrow(own, Cube::new(corner, 4), most);
             if !part.of.is_empty() {
-                part.fill_up();
                 self.part(part, points, corner, &mut leaf);
             }
         }
@@ -135,9 +136,6 @@ impl<'a> Search<'a> {
             if most <= 0.0 {
                 continue;
             }
-            let first = [x, y, z].map(|c| c as f32);
-            let centre = first.map(|c| c + 0.5);
-            let at = list.places();
             let bit = 8 * y + z;
             let four = |slab: usize| {
                 let row = self.inside[slab] >> bit;
@@ -146,8 +144,8 @@ impl<'a> Search<'a> {
             let found = run(Block {
                 list,
                 points,
-                first,
-                limit: limit(run(Least { at, centre }), 0.8661, most),
+                first: [x, y, z],
+                most,
                 inside: four(x) | four(x + 1) << 4,
                 lengths: self.lengths,
             });
