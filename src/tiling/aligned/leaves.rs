@@ -15,6 +15,8 @@ use crate::lanes::{Lanes, Twice, Work};
 
 /// Leaves along z whose samples' functions are kept.
 const KEPT: usize = 16;
+/// A little more than a voxel's diagonal, voxels: by so much distances to the box of neighbours differ.
+const DIAGONAL: f32 = 1.7321;
 
 /// Leaves to be filled.
 pub(super) struct LeavesWork<'a, 'b> {
@@ -70,8 +72,8 @@ impl Work for LeavesWork<'_, '_> {
                 at: [x, y, z],
             };
             let outermost = x.outermost().max(y.outermost()).max(z.outermost());
-            let is_cut = is_cut && outermost > by - background;
-            *bits = match (scales.nodes(), is_cut) {
+            let ends = is_cut && outermost > by - background;
+            *bits = match (scales.nodes(), ends) {
                 (4, false) => sweep.run::<L, 4, false>(l, rows),
                 (4, true) => sweep.run::<L, 4, true>(l, rows),
                 (5, false) => sweep.run::<L, 5, false>(l, rows),
@@ -83,6 +85,11 @@ impl Work for LeavesWork<'_, '_> {
                 (_, false) => sweep.run::<L, EVERY, false>(l, rows),
                 (_, true) => sweep.run::<L, EVERY, true>(l, rows),
             };
+            // What the sweep proves does not regard the box, whose sides a narrow band may hide.
+            let reach = DIAGONAL * step as f32;
+            if is_cut && background <= reach && outermost > by - background - reach {
+                bits.settled = false;
+            }
         }
     }
 }
