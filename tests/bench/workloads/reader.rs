@@ -7,26 +7,34 @@ use std::sync::atomic::{AtomicU64, Ordering};
 /// Sums of what came, the same in whatever order it comes.
 #[derive(Default)]
 pub struct Reader {
+    /// What the processor can: what reading takes must not be what a build makes of it.
+    arch: pulp::Arch,
     sum: AtomicU64,
     leaves: AtomicU64,
 }
 
-/// A number that depends on a leaf's place, its mask and all its values.
-pub fn sum_of(origin: Coord, mask: &[u64; 8], values: &[f32; 512]) -> u64 {
-    let mut lanes = [0u32; 64];
-    for row in values.chunks_exact(64) {
-        for (lane, v) in lanes.iter_mut().zip(row) {
-            *lane = lane.rotate_left(1).wrapping_add(v.to_bits());
+/// A number that depends on all values of a leaf.
+struct SumOf<'a>(&'a [f32; 512]);
+
+#[allow(clippy::inline_always)]
+impl pulp::NullaryFnOnce for SumOf<'_> {
+    type Output = u64;
+
+    // No closures: they would be compiled for any processor.
+    #[inline(always)]
+    fn call(self) -> u64 {
+        let mut lanes = [0u32; 64];
+        for row in self.0.chunks_exact(64) {
+            for (lane, v) in lanes.iter_mut().zip(row) {
+                *lane = lane.rotate_left(1).wrapping_add(v.to_bits());
+            }
         }
+        let mut sum = 0u64;
+        for (n, &lane) in lanes.iter().enumerate() {
+            sum = sum.wrapping_add(u64::from(lane) << (n as u32 & 31));
+        }
+        sum
     }
-    let place = origin.0.iter().fold(0u64, |p, &c| {
-        p.wrapping_mul(0x9e37_79b9).wrapping_add(c as u32 as u64)
-    });
-    let values = lanes.iter().enumerate().fold(0u64, |s, (n, &l)| {
-        s.wrapping_add(u64::from(l) << (n as u32 & 31))
-    });
-    mask.iter()
-        .fold(place ^ values, |s, &w| s.rotate_left(5).wrapping_add(w))
 }
 
 impl Reader {
@@ -36,10 +44,16 @@ impl Reader {
         (load(&self.sum), load(&self.leaves))
     }
 
-    /// Takes a leaf.
+    /// Takes a leaf: a number that depends on its place, its mask and all its values.
     pub fn enter(&self, origin: Coord, mask: &[u64; 8], values: &[f32; 512]) {
-        self.sum
-            .fetch_add(sum_of(origin, mask, values), Ordering::Relaxed);
+        let place = origin.0.iter().fold(0u64, |p, &c| {
+            p.wrapping_mul(0x9e37_79b9).wrapping_add(c as u32 as u64)
+        });
+        let values = self.arch.dispatch(SumOf(values));
+        let sum = mask
+            .iter()
+            .fold(place ^ values, |s, &w| s.rotate_left(5).wrapping_add(w));
+        self.sum.fetch_add(sum, Ordering::Relaxed);
         self.leaves.fetch_add(1, Ordering::Relaxed);
     }
 }
