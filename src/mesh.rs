@@ -89,6 +89,15 @@ impl TriMesh {
         })
     }
 
+    /// The same of what is known to be in range and finite.
+    pub(crate) fn known(vertices: Vec<Vec3>, triangles: Vec<[u32; 3]>) -> Self {
+        debug_assert!(validate(&vertices, triangles.iter().copied()).is_ok());
+        Self {
+            vertices,
+            triangles,
+        }
+    }
+
     /// The vertices, some of which may belong to no triangle.
     pub fn vertices(&self) -> &[Vec3] {
         &self.vertices

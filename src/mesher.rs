@@ -145,7 +145,7 @@ impl<'a> Mesher<'a> {
         progress: &dyn Progress,
     ) -> Result<TriMesh, MesherError> {
         let patch = self.patch(leaves, Region::EVERYWHERE, progress)?;
-        Ok(TriMesh::new(patch.vertices, patch.triangles)?)
+        Ok(TriMesh::known(patch.vertices, patch.triangles))
     }
 
     /// The part of a mesh whose cells have their least voxel in a region of whole leaves; the leaves of

@@ -30,7 +30,23 @@ pub(super) fn triangles(
             Ok(triangles)
         })
         .collect::<Result<_, _>>()?;
-    Ok(parts.concat())
+    Ok(joined(&parts))
+}
+
+/// One list after the other. Room that is zeros is first touched where it is filled: by all threads.
+fn joined(parts: &[Vec<[u32; 3]>]) -> Vec<[u32; 3]> {
+    let mut all = vec![[0; 3]; parts.iter().map(Vec::len).sum()];
+    let mut rest = &mut all[..];
+    let mut tasks = Vec::with_capacity(parts.len());
+    for part in parts {
+        let (own, others) = rest.split_at_mut(part.len());
+        tasks.push((part, own));
+        rest = others;
+    }
+    tasks
+        .into_par_iter()
+        .for_each(|(part, own)| own.copy_from_slice(part));
+    all
 }
 
 /// Voxels along a leaf's edge with the first of the next, and edges along one axis of all of them.

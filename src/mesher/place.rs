@@ -23,7 +23,9 @@ pub(super) fn vertices(
     margin: f64,
     progress: &dyn Progress,
 ) -> Result<Vec<Vec3>, MesherError> {
-    let mut all = vec![Vec3::zeros(); sheet.vertices];
+    // By all threads, since the first touch of its memory takes as long as the work.
+    let zeros = (0..sheet.vertices).into_par_iter().with_min_len(1 << 12);
+    let mut all: Vec<Vec3> = zeros.map(|_| Vec3::zeros()).collect();
     let mut rest = &mut all[..];
     let mut tasks = Vec::with_capacity(sheet.order.len() / BATCH + 1);
     let mut taken = 0;

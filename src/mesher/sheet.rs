@@ -5,8 +5,9 @@
 //! changes sign is found out as torn.
 
 use super::{LeafValues, MesherError};
-use crate::band::{LEAF, Region};
+use crate::band::{LEAF, Region, VOXELS};
 use crate::frame::Coord;
+use crate::lanes::{self, Lanes, Work};
 use crate::mesh::MeshError;
 use crate::progress::{Cancelled, Progress};
 use rayon::prelude::*;
@@ -106,7 +107,7 @@ impl<'a> Sheet<'a> {
         let signs: Vec<[u64; 8]> = leaves
             .par_iter()
             .with_min_len(BATCH)
-            .map(|leaf| signs(leaf.values))
+            .map(|leaf| lanes::run(Signs(leaf.values)))
             .collect();
         let places = leaves
             .par_chunks(BATCH)
@@ -257,19 +258,22 @@ pub(super) fn mixed(words: &[u64]) -> u64 {
     any & !all
 }
 
-/// Which voxels are inside.
-fn signs(values: &[f32; 512]) -> [u64; 8] {
-    std::array::from_fn(|x| {
-        let mut word = 0;
-        for (y, row) in values[64 * x..][..64].chunks_exact(8).enumerate() {
-            let mut byte = 0u8;
-            for (z, v) in row.iter().enumerate() {
-                byte |= u8::from(*v < 0.0) << z;
-            }
-            word |= u64::from(byte) << (8 * y);
+/// Which voxels of a leaf are inside.
+struct Signs<'a>(&'a [f32; VOXELS]);
+
+#[allow(clippy::inline_always)]
+impl Work for Signs<'_> {
+    type Output = [u64; 8];
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, l: L) -> [u64; 8] {
+        let zero = l.splat(0.0);
+        let mut words = [0; 8];
+        for (n, row) in self.0.as_chunks().0.iter().enumerate() {
+            words[n >> 3] |= u64::from(l.below(l.load(row), zero)) << (8 * (n & 7));
         }
-        word
-    })
+        words
+    }
 }
 
 /// A slice as it is, moved along z, along y and along both; of the neighbours along z, y and both.
