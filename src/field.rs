@@ -53,6 +53,12 @@ impl Interval {
         self.lo <= v && v <= self.hi
     }
 
+    /// Whether it may hold values nearer to 0 than `near`.
+    pub fn comes_within(self, near: f64) -> bool {
+        let is_beyond = self.lo >= near || self.hi <= -near;
+        !is_beyond
+    }
+
     /// The negatives.
     #[must_use]
     pub fn negated(self) -> Self {
@@ -166,6 +172,21 @@ pub trait Field: Send + Sync {
     /// The same for eight regions, of fields for which eight at once cost less than one after the other.
     fn bounds(&self, _: &[<Self::Point as Point>::Region; 8]) -> Option<[Interval; 8]> {
         None
+    }
+
+    /// An interval that contains every value in all of eight regions. Once it holds values nearer to 0 than
+    /// `near` the regions that are left need not be looked at: it says no more than that.
+    fn joint_bound(&self, regions: &[<Self::Point as Point>::Region; 8], near: f64) -> Interval {
+        let all = self.bounds(regions);
+        let bound = |n: usize| all.map_or_else(|| self.bound(&regions[n]), |all| all[n]);
+        let mut joint = bound(0);
+        for n in 1..8 {
+            if joint.comes_within(near) {
+                break;
+            }
+            joint = joint.hull(bound(n));
+        }
+        joint
     }
 
     /// Values on a lattice of samples, into `out` of length `lattice.len()`.

@@ -385,8 +385,16 @@ impl<F: Filling> Field for TiledSolid<'_, F> {
     fn bounds(&self, regions: &[Aabb; 8]) -> Option<[Interval; 8]> {
         Some(match &self.aligned {
             Some(aligned) => aligned.bounds(regions),
-            None => self.bounds_of_all(regions),
+            None => self.bounds_of_all(regions, None),
         })
+    }
+
+    fn joint_bound(&self, regions: &[Aabb; 8], near: f64) -> Interval {
+        let all = match &self.aligned {
+            Some(aligned) => aligned.bounds(regions),
+            None => self.bounds_of_all(regions, Some(near)),
+        };
+        all[1..].iter().fold(all[0], |a, &b| a.hull(b))
     }
 
     fn fill(&self, lattice: &SampleLattice<WorldPoint>, out: &mut [f32]) {

@@ -124,8 +124,7 @@ impl<'a> Culler<'a> {
     }
 
     /// The last test of a leaf, in eight parts of 5^3 samples that together are the leaf and the layer
-    /// around it. Sharper than the whole, as all bounds are over smaller boxes; parts on different
-    /// sides leave a sign change between them.
+    /// around it. Sharper than the whole, as all bounds are over smaller boxes.
     fn leaf_side(&self, origin: Coord) -> Side {
         const HALF: i32 = LEAF / 2;
         let first = origin.offset(-1, -1, -1);
@@ -133,17 +132,7 @@ impl<'a> Culler<'a> {
             let corner = part(first, HALF + 1, n);
             self.transform.sample_box(corner, HALF + 1)
         });
-        let all = self.field.bounds(&parts);
-        let mut common = None;
-        for (n, region) in parts.iter().enumerate() {
-            let bound = all.map_or_else(|| self.field.bound(region), |all| all[n]);
-            match self.side_of(bound) {
-                Side::Unknown => return Side::Unknown,
-                side if common.is_some_and(|c| c != side) => return Side::Unknown,
-                side => common = Some(side),
-            }
-        }
-        common.unwrap_or(Side::Unknown)
+        self.side_of(self.field.joint_bound(&parts, self.background))
     }
 
     /// Halves a cube, on this side, down to cubes of `smallest` voxels that may be active; ascending

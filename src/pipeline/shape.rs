@@ -300,6 +300,15 @@ pub(super) struct Shifted<'a> {
     pub by: Vec3,
 }
 
+impl Shifted<'_> {
+    fn moved(&self, region: &Aabb) -> Aabb {
+        Aabb {
+            min: region.min + self.by,
+            max: region.max + self.by,
+        }
+    }
+}
+
 impl Field for Shifted<'_> {
     type Point = crate::frame::WorldPoint;
     fn value(&self, p: Self::Point) -> f64 {
@@ -310,17 +319,14 @@ impl Field for Shifted<'_> {
             .value_and_gradient(crate::frame::WorldPoint(p.0 + self.by))
     }
     fn bound(&self, region: &Aabb) -> crate::field::Interval {
-        self.field.bound(&Aabb {
-            min: region.min + self.by,
-            max: region.max + self.by,
-        })
+        self.field.bound(&self.moved(region))
     }
     fn bounds(&self, regions: &[Aabb; 8]) -> Option<[crate::field::Interval; 8]> {
-        let moved = regions.map(|r| Aabb {
-            min: r.min + self.by,
-            max: r.max + self.by,
-        });
-        self.field.bounds(&moved)
+        self.field.bounds(&regions.map(|r| self.moved(&r)))
+    }
+    fn joint_bound(&self, regions: &[Aabb; 8], near: f64) -> crate::field::Interval {
+        self.field
+            .joint_bound(&regions.map(|r| self.moved(&r)), near)
     }
     fn fill(&self, lattice: &crate::field::SampleLattice<Self::Point>, out: &mut [f32]) {
         self.fill_counting(lattice, out);
@@ -379,6 +385,13 @@ impl<F: Field> Field for Borrowed<'_, F> {
         regions: &[<F::Point as crate::field::Point>::Region; 8],
     ) -> Option<[crate::field::Interval; 8]> {
         self.0.bounds(regions)
+    }
+    fn joint_bound(
+        &self,
+        regions: &[<F::Point as crate::field::Point>::Region; 8],
+        near: f64,
+    ) -> crate::field::Interval {
+        self.0.joint_bound(regions, near)
     }
     fn fill(&self, lattice: &crate::field::SampleLattice<F::Point>, out: &mut [f32]) {
         self.0.fill(lattice, out);

@@ -16,17 +16,26 @@ const WORTH: usize = 256;
 impl<F: Filling> TiledSolid<'_, F> {
     /// Bound over all components.
     pub(super) fn bound_of_all(&self, region: &Aabb) -> Interval {
-        let [bound] = self.bounds_of_all(&[*region]);
+        let [bound] = self.bounds_of_all(&[*region], None);
         bound
     }
 
     /// The same for regions that lie together. Of several, values nearer to 0 than the band's half width are
-    /// not told apart.
-    pub(super) fn bounds_of_all<const N: usize>(&self, regions: &[Aabb; N]) -> [Interval; N] {
+    /// not told apart, nor are regions once one holds values nearer to 0 than `enough`.
+    pub(super) fn bounds_of_all<const N: usize>(
+        &self,
+        regions: &[Aabb; N],
+        enough: Option<f64>,
+    ) -> [Interval; N] {
         let w = self.options.half_width;
         let mut all = [Interval::new(w, w); N];
         for component in 0..self.components.len() {
-            for (a, b) in all.iter_mut().zip(self.bounds_of(component, regions)) {
+            // Where components meet, what is near the surface of one may lie inside another.
+            let enough = enough.filter(|_| self.components.len() == 1);
+            for (a, b) in all
+                .iter_mut()
+                .zip(self.bounds_of(component, regions, enough))
+            {
                 *a = if self.is_cut() || self.components.len() == 1 {
                     Interval::new(a.lo.min(b.lo), a.hi.min(b.hi))
                 } else {
@@ -39,7 +48,12 @@ impl<F: Filling> TiledSolid<'_, F> {
     }
 
     /// Bounds of one component's distance, its boundary included.
-    fn bounds_of<const N: usize>(&self, component: usize, regions: &[Aabb; N]) -> [Interval; N] {
+    fn bounds_of<const N: usize>(
+        &self,
+        component: usize,
+        regions: &[Aabb; N],
+        enough: Option<f64>,
+    ) -> [Interval; N] {
         let w = self.options.half_width;
         let boundary = &self.components[component].boundary;
         let around = regions.iter().fold(Aabb::EMPTY, |a, b| a.union(*b));
@@ -60,7 +74,14 @@ impl<F: Filling> TiledSolid<'_, F> {
         let depth = self.boundary_range(component, &around, Interval::ALL, (shore, &near.patches));
         let mut own = Near::default();
         let values = self.at_centres(&near, regions);
-        for ((found, region), value) in found.iter_mut().zip(regions).zip(values) {
+        // The one nearest to the surface settles most likely what all are worth.
+        let mut order: [usize; N] = std::array::from_fn(|n| n);
+        if enough.is_some() {
+            let away = values.map(|f| f.map_or(f64::INFINITY, f64::abs));
+            order.sort_unstable_by(|&a, &b| away[a].total_cmp(&away[b]));
+        }
+        for n in order {
+            let region = &regions[n];
             let depth = if N == 1 || depth.hi <= -w || depth.lo >= w {
                 depth
             } else {
@@ -70,39 +91,55 @@ impl<F: Filling> TiledSolid<'_, F> {
                 continue;
             }
             let reach = self.reach(depth.hi);
-            if let Some(f) = value.filter(|_| reach == 0.0) {
-                // Of a region within the scaffold the value at its centre may say enough.
-                let (least, radius) = (w * near.slope_sup, region.half_diagonal());
-                let all = if f.abs() >= (least + near.slope_sup * radius) * (1.0 + SLACK) {
-                    let d = w.copysign(f);
-                    Some(Interval::new(d, d))
-                } else {
-                    // No interval that holds it is far from 0.
-                    (N > 1 && f.abs() < least).then(|| Interval::new(-w, w))
-                };
-                if let Some(all) = all {
-                    *found = self.ended_bound(all, depth);
-                    continue;
-                }
+            let at_centre = values[n].filter(|_| reach == 0.0);
+            let field = at_centre
+                .and_then(|f| self.range_about(f, near.slope_sup, region.half_diagonal(), N > 1))
+                .unwrap_or_else(|| {
+                    let wide = region.dilated(reach);
+                    if self.is_cut() {
+                        self.keep_near(&near, &wide, &mut own);
+                    } else {
+                        own = self.near(component, &wide, self.margin());
+                    }
+                    self.range_among(component, &own, &wide, N > 1)
+                });
+            found[n] = self.ended_bound(field, depth);
+            if enough.is_some_and(|near| found[n].comes_within(near)) {
+                return [found[n]; N];
             }
-            let wide = region.dilated(reach);
-            if self.is_cut() {
-                self.keep_near(&near, &wide, &mut own);
-            } else {
-                own = self.near(component, &wide, self.margin());
-            }
-            let near = &own;
-            let least = if N == 1 { 0.0 } else { w * near.slope_sup };
-            let field = match self.field_range(near, &wide, least) {
-                Some(f) if f.lo >= least || f.hi <= -least || N == 1 => {
-                    self.distance_range(component, near, &wide, f)
-                }
-                // Perhaps not all elements were looked at.
-                _ => Interval::new(-w, w),
-            };
-            *found = self.ended_bound(field, depth);
         }
         found
+    }
+
+    /// What the field's value at the centre says of the distance in a region within the scaffold, if it
+    /// says enough; `is_coarse` if values nearer to 0 than the band's half width are not told apart.
+    fn range_about(&self, f: f64, slope: f64, radius: f64, is_coarse: bool) -> Option<Interval> {
+        let w = self.options.half_width;
+        if f.abs() >= slope * (w + radius) * (1.0 + SLACK) {
+            let d = w.copysign(f);
+            return Some(Interval::new(d, d));
+        }
+        // No interval that holds it is far from 0.
+        (is_coarse && f.abs() < slope * w).then(|| Interval::new(-w, w))
+    }
+
+    /// Bound of the distance from the ranges of the cells in near elements.
+    fn range_among(
+        &self,
+        component: usize,
+        near: &Near,
+        region: &Aabb,
+        is_coarse: bool,
+    ) -> Interval {
+        let w = self.options.half_width;
+        let least = if is_coarse { w * near.slope_sup } else { 0.0 };
+        match self.field_range(near, region, least) {
+            Some(f) if f.lo >= least || f.hi <= -least || !is_coarse => {
+                self.distance_range(component, near, region, f)
+            }
+            // Perhaps not all elements were looked at.
+            _ => Interval::new(-w, w),
+        }
     }
 
     /// Bound of the distance from that of the field's and that of the boundary's.

@@ -20,6 +20,8 @@ use std::collections::HashMap;
 type Fault = Box<dyn std::error::Error>;
 
 const ROUNDS: usize = 5;
+/// The longest axis of W2's ellipsoid, voxels: at half of that its struts are too thin for a band.
+const LONGEST: f64 = 1000.0;
 /// Lattice points along an axis of the period of a strut cell.
 const SAMPLES: usize = 80;
 /// Band limits of strut cells: 20 orbits, 2000 and 5984.
@@ -142,11 +144,6 @@ fn pass(field: &WorldField, extent: Aabb, threads: &Threads) -> Result<BandStats
     Ok(stats)
 }
 
-/// The ellipsoid's longest axis, voxels.
-fn longest(full: bool) -> f64 {
-    if full { 1000.0 } else { 500.0 }
-}
-
 /// Keys of a workload's counts.
 struct Keys {
     leaves: &'static str,
@@ -210,8 +207,8 @@ pub fn level_set(threads: &Threads) -> Result<druse::vdb::LevelSet, Fault> {
 }
 
 /// P7, P8 and the counts of W2.
-pub fn struts_in_tets(setting: &Setting) -> Result<Vec<Found>, Fault> {
-    let scaffold = ellipsoid(longest(setting.full))?;
+pub fn struts_in_tets(_: &Setting) -> Result<Vec<Found>, Fault> {
+    let scaffold = ellipsoid(LONGEST)?;
     let extent = scaffold.bounds();
     let [few, some, many] = [FEW, SOME, MANY].map(|limit| table_for(&scaffold, limit));
     let (few, some, many) = (few?, some?, many?);
@@ -250,9 +247,11 @@ pub fn struts_in_tets(setting: &Setting) -> Result<Vec<Found>, Fault> {
     Ok(found)
 }
 
-/// A pass over W2 on one thread, for a process that does nothing else.
+/// A pass over W2 on one thread, half as long unless it is wanted in full, for a process that does nothing
+/// else.
 pub fn one_pass(full: bool) -> Result<Box<dyn FnMut()>, Fault> {
-    let scaffold: &'static Scaffold = Box::leak(Box::new(ellipsoid(longest(full))?));
+    let longest = if full { LONGEST } else { LONGEST / 2.0 };
+    let scaffold: &'static Scaffold = Box::leak(Box::new(ellipsoid(longest)?));
     let table: &'static Table = Box::leak(Box::new(table_for(scaffold, SOME)?));
     let field = tiled(scaffold, table)?;
     let one = Threads::new(1)?;

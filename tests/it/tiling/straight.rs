@@ -73,7 +73,8 @@ fn anywhere(
     }
 }
 
-/// Bounds of the eight halves of a lattice's box, at once and one by one, contain its values.
+/// Bounds of the eight halves of a lattice's box, at once and one by one, contain its values, and what is
+/// said of all together is as sharp.
 fn bounds_hold(tiled: &TiledSolid, lattice: &SampleLattice<WorldPoint>, values: &[f32]) {
     let span = lattice.span();
     let half = span.size() / 2.0;
@@ -86,6 +87,14 @@ fn bounds_hold(tiled: &TiledSolid, lattice: &SampleLattice<WorldPoint>, values: 
         }
     });
     let together = Field::bounds(tiled, &regions).unwrap();
+    let hull = together.into_iter().reduce(Interval::hull).unwrap();
+    for near in [1.0, 0.3].map(|share| share * 3.0 * lattice.step) {
+        let joint = tiled.joint_bound(&regions, near);
+        assert!(
+            joint == hull || (joint.comes_within(near) && hull.comes_within(near)),
+            "{near}: {joint:?} {hull:?}"
+        );
+    }
     for (region, together) in regions.iter().zip(together) {
         let alone = tiled.bound(region);
         for (m, &v) in values.iter().enumerate() {
