@@ -82,8 +82,12 @@ const SUBJECTS: &[Subject] = &[
         measure: look_up::look_ups,
     },
     Subject {
-        keys: &["P7", "P8", "P10.w2", "P10.w2.evaluated", "P17"],
+        keys: &["P8", "P10.w2", "P10.w2.evaluated"],
         measure: w2::struts_in_tets,
+    },
+    Subject {
+        keys: &["P7", "P17"],
+        measure: w2::orbits_and_threads,
     },
     Subject {
         keys: &["P10.w3", "P10.w3.evaluated", "P17.w3"],

@@ -144,14 +144,18 @@ fn pass(field: &WorldField, extent: Aabb, threads: &Threads) -> Result<BandStats
     Ok(stats)
 }
 
+/// The same where only ratios count: half of it, unless it is wanted in full.
+fn longest(full: bool) -> f64 {
+    if full { LONGEST } else { LONGEST / 2.0 }
+}
+
 /// Keys of a workload's counts.
 struct Keys {
     leaves: &'static str,
     evaluated: &'static str,
-    threads: &'static str,
 }
 
-/// Counts of a pass, and what two threads make of its time.
+/// Counts of a pass.
 fn counts(keys: &Keys, stats: &BandStats) -> Vec<Found> {
     let leaves = stats.leaves_touched as f64 / stats.leaves_kept as f64;
     let evaluated = stats.voxels_evaluated as f64 / stats.active_voxels as f64;
@@ -169,24 +173,23 @@ fn counts(keys: &Keys, stats: &BandStats) -> Vec<Found> {
     ]
 }
 
-fn two_threads(keys: &Keys, field: &WorldField, extent: Aabb) -> Result<Found, Fault> {
+/// What two threads make of a pass's time.
+fn two_threads(key: &'static str, field: &WorldField, extent: Aabb) -> Result<Found, Fault> {
     let [one, two] = [Threads::new(1)?, Threads::new(2)?];
     let on = |threads: &Threads| {
         pass(field, extent, threads).expect("the field is finite");
     };
     let (mut single, mut double) = (|| on(&one), || on(&two));
-    Ok(one_against_two(keys.threads, &mut single, &mut double))
+    Ok(one_against_two(key, &mut single, &mut double))
 }
 
 const W2: Keys = Keys {
     leaves: "P10.w2",
     evaluated: "P10.w2.evaluated",
-    threads: "P17",
 };
 const W3: Keys = Keys {
     leaves: "P10.w3",
     evaluated: "P10.w3.evaluated",
-    threads: "P17.w3",
 };
 
 /// The struts of W2, a quarter as long, as a level set on voxels of 1.
@@ -206,52 +209,53 @@ pub fn level_set(threads: &Threads) -> Result<druse::vdb::LevelSet, Fault> {
     Ok(builder.finish(druse::vdb::Session::new(threads, &Silent))?)
 }
 
-/// P7, P8 and the counts of W2.
+/// P8 and the counts of W2.
 pub fn struts_in_tets(_: &Setting) -> Result<Vec<Found>, Fault> {
     let scaffold = ellipsoid(LONGEST)?;
     let extent = scaffold.bounds();
-    let [few, some, many] = [FEW, SOME, MANY].map(|limit| table_for(&scaffold, limit));
-    let (few, some, many) = (few?, some?, many?);
+    let table = table_for(&scaffold, SOME)?;
     let one = Threads::new(1)?;
-    let field = tiled(&scaffold, &some)?;
+    let field = tiled(&scaffold, &table)?;
     let stats = pass(&field, extent, &one)?;
-    let (small, large) = (tiled(&scaffold, &few)?, tiled(&scaffold, &many)?);
-    let run = |field: &WorldField| {
-        pass(field, extent, &one).expect("the field is finite");
+    let run: &mut dyn FnMut() = &mut || {
+        pass(&field, extent, &one).expect("the field is finite");
     };
-    let small_run: &mut dyn FnMut() = &mut || run(&small);
-    let seconds = in_turn(
-        ROUNDS,
-        &mut [
-            &mut || run(&field),
-            &mut || run(&large),
-            small_run,
-            &mut baselines::fuse,
-        ],
-    );
+    let seconds = in_turn(ROUNDS, &mut [run, &mut baselines::fuse]);
     let active = stats.active_voxels as f64;
     let each: Vec<f64> = seconds[0].iter().map(|s| s * 1e9 / active).collect();
     let note = format!(
         "; {} tets, {} active voxels, {:.1} MiB of table",
         scaffold.len(),
         stats.active_voxels,
-        some.bytes() as f64 / 1048576.0
+        table.bytes() as f64 / 1048576.0
     );
-    let ratios = Spread::of_ratios(&seconds[1], &seconds[2]);
-    let mut found = vec![
-        Found::new("P7", ratios.median, ratios.to_string()),
-        baselines::at_reference("P8", &each, &seconds[3], &note),
-    ];
+    let mut found = vec![baselines::at_reference("P8", &each, &seconds[1], &note)];
     found.extend(counts(&W2, &stats));
-    found.push(two_threads(&W2, &field, extent)?);
     Ok(found)
 }
 
-/// A pass over W2 on one thread, half as long unless it is wanted in full, for a process that does nothing
-/// else.
+/// P7, and what two threads make of W2's time: ratios, for which a smaller one will do.
+pub fn orbits_and_threads(setting: &Setting) -> Result<Vec<Found>, Fault> {
+    let scaffold = ellipsoid(longest(setting.full))?;
+    let extent = scaffold.bounds();
+    let [few, some, many] = [FEW, SOME, MANY].map(|limit| table_for(&scaffold, limit));
+    let (few, some, many) = (few?, some?, many?);
+    let one = Threads::new(1)?;
+    let run = |field: &WorldField| {
+        pass(field, extent, &one).expect("the field is finite");
+    };
+    let (small, large) = (tiled(&scaffold, &few)?, tiled(&scaffold, &many)?);
+    let seconds = in_turn(ROUNDS, &mut [&mut || run(&large), &mut || run(&small)]);
+    let ratios = Spread::of_ratios(&seconds[0], &seconds[1]);
+    Ok(vec![
+        Found::new("P7", ratios.median, ratios.to_string()),
+        two_threads("P17", &tiled(&scaffold, &some)?, extent)?,
+    ])
+}
+
+/// A pass over W2 on one thread, for a process that does nothing else.
 pub fn one_pass(full: bool) -> Result<Box<dyn FnMut()>, Fault> {
-    let longest = if full { LONGEST } else { LONGEST / 2.0 };
-    let scaffold: &'static Scaffold = Box::leak(Box::new(ellipsoid(longest)?));
+    let scaffold: &'static Scaffold = Box::leak(Box::new(ellipsoid(longest(full))?));
     let table: &'static Table = Box::leak(Box::new(table_for(scaffold, SOME)?));
     let field = tiled(scaffold, table)?;
     let one = Threads::new(1)?;
@@ -295,7 +299,7 @@ pub fn blend_in_hexes(setting: &Setting) -> Result<Vec<Found>, Fault> {
     let field = tiled(&scaffold, &blend)?;
     let stats = pass(&field, extent, &Threads::new(1)?)?;
     let mut found = counts(&W3, &stats);
-    found.push(two_threads(&W3, &field, extent)?);
+    found.push(two_threads("P17.w3", &field, extent)?);
     Ok(found)
 }
 
