@@ -13,6 +13,7 @@ mod number;
 mod plain;
 mod twice;
 pub use number::{Eight, Four, Number};
+pub(crate) use number::{alike, difference};
 pub use plain::Plain;
 pub use twice::{Rows, Twice};
 

@@ -25,6 +25,7 @@ mod openness;
 mod projection;
 mod quads;
 mod rim;
+mod rows;
 mod shapes;
 mod skin;
 mod solid;

@@ -70,6 +70,19 @@ impl Number for f64 {
     }
 }
 
+/// A vector whose coordinates are the same in every place of the row.
+#[inline(always)]
+pub(crate) fn alike<T: Number>(like: T, v: impl Into<[f64; 3]>) -> [T; 3] {
+    let [x, y, z] = v.into();
+    [like.like(x), like.like(y), like.like(z)]
+}
+
+/// a - b.
+#[inline(always)]
+pub(crate) fn difference<T: Number>(a: [T; 3], b: [T; 3]) -> [T; 3] {
+    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
+}
+
 /// Four doubles in the registers that `L` has.
 #[derive(Clone, Copy)]
 pub struct Four<L: Lanes>(L, L::D);

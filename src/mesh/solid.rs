@@ -8,9 +8,12 @@
 use super::rim::Rim;
 use super::soup::{Closest, Soup};
 use super::winding::Winding;
-use super::{TriMesh, crossing};
+use super::{TriMesh, crossing, rows};
 use crate::field::{Field, Interval, SampleLattice};
 use crate::frame::{Aabb, Vec3, WorldPoint};
+
+/// So many triangles near a lattice are tried row by row.
+const FEW: usize = 256;
 
 /// A triangle mesh prepared for distance and inside tests; immutable and shared by threads.
 ///
@@ -156,6 +159,46 @@ impl MeshSolid {
         if self.contains(p) { -d } else { d }
     }
 
+    /// Distances of a lattice's samples to the surface, which are at most `most`; the triangle of the slot
+    /// `hint` is near.
+    fn distances(
+        &self,
+        lattice: &SampleLattice<WorldPoint>,
+        most: f64,
+        hint: Option<usize>,
+    ) -> Vec<f64> {
+        let mut distances = vec![0.0; lattice.len()];
+        let mut near = Vec::new();
+        if most.is_finite() {
+            self.surface
+                .collect(&lattice.span(), most * (1.0 + 1e-9), &mut near);
+        }
+        if near.len() <= FEW {
+            let points: Vec<Vec3> = (0..lattice.len()).map(|n| lattice.point(n).0).collect();
+            let triangles = near.iter().map(|&s| self.surface.corners[s as usize]);
+            rows::distances(triangles, &points, &mut distances);
+            return distances;
+        }
+        // Among many the tree finds the nearest sooner.
+        let [_, ny, nz] = lattice.counts;
+        let mut slots = vec![usize::MAX; lattice.len()];
+        for n in 0..lattice.len() {
+            // The neighbour before on the fastest axis there is one on.
+            let before = match (n % nz, n / nz % ny, n / (ny * nz)) {
+                (0, 0, 0) => None,
+                (0, 0, _) => Some(n - ny * nz),
+                (0, ..) => Some(n - nz),
+                _ => Some(n - 1),
+            };
+            let near = before.map_or(hint, |m| Some(slots[m]));
+            let near = near.filter(|&s| s != usize::MAX);
+            let (closest, slot) = self.surface.closest(lattice.point(n).0, near);
+            distances[n] = closest.distance;
+            slots[n] = slot;
+        }
+        distances
+    }
+
     /// Whether `centre` is inside, if within `radius` of it the sign changes at the surface only;
     /// `None` where a cap or the film across a hole may come between.
     fn steady(&self, centre: Vec3, radius: f64) -> Option<bool> {
@@ -230,24 +273,20 @@ impl Field for MeshSolid {
         let [_, ny, nz] = lattice.counts;
         let reach = lattice.step * (1.0 + 1e-9);
         let strides = [1, nz, ny * nz];
-        let mut distances = vec![0f64; lattice.len()];
-        let mut slots = vec![usize::MAX; lattice.len()];
+        let distances = self.distances(lattice, at_centre.distance + radius, hint);
         for n in 0..lattice.len() {
-            let p = lattice.point(n).0;
-            // The neighbour before on the fastest axis there is one on.
+            // The neighbours before.
             let place = [n % nz, n / nz % ny, n / (ny * nz)];
             let before = (0..3).filter(|&a| place[a] > 0).map(|a| n - strides[a]);
-            let near = before.clone().next().map_or(hint, |m| Some(slots[m]));
-            let (c, slot) = self.surface.closest(p, near.filter(|&s| s != usize::MAX));
-            distances[n] = c.distance;
-            slots[n] = slot;
+            let d = distances[n];
             let inside = settled.unwrap_or_else(|| {
                 // Between two samples whose distances exceed their step no surface can pass.
-                let passes = |&m: &usize| distances[m] + c.distance > reach;
+                let passes = |&m: &usize| distances[m] + d > reach;
                 let same = before.clone().find(|m| steady.is_some() && passes(m));
-                same.map_or_else(|| self.contains(p), |m| out[m].is_sign_negative())
+                let alone = || self.contains(lattice.point(n).0);
+                same.map_or_else(alone, |m| out[m].is_sign_negative())
             });
-            out[n] = if inside { -c.distance } else { c.distance } as f32;
+            out[n] = if inside { -d } else { d } as f32;
         }
     }
 }

@@ -6,7 +6,7 @@ use super::clamp::{beyond_row, clamp_row};
 use super::patch::{Spot, is_settled};
 use super::trail::Trail;
 use crate::frame::{Element, Mat3, Vec3};
-use crate::lanes::{self, Four, Lanes, Number, Work};
+use crate::lanes::{self, Four, Lanes, Number, Work, difference};
 use crate::scaffold::Polynomial;
 
 /// Newton steps for four points; a point that takes more is looked for by itself.
@@ -46,11 +46,6 @@ pub(super) fn product<T: Number>(m: Matrix<T>, a: [T; 3], c: [T; 3]) -> [T; 3] {
 }
 
 #[inline(always)]
-pub(super) fn difference<T: Number>(a: [T; 3], b: [T; 3]) -> [T; 3] {
-    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
-}
-
-#[inline(always)]
 fn scaled<T: Number>(a: [T; 3], by: T) -> [T; 3] {
     [a[0] * by, a[1] * by, a[2] * by]
 }
@@ -71,12 +66,6 @@ fn inverse<T: Number>([a, b, c]: Matrix<T>) -> Matrix<T> {
     let share = a[0].like(1.0) / dot(a, bc, a[0].like(0.0));
     let (p, q, r) = (scaled(bc, share), scaled(ca, share), scaled(ab, share));
     [[p[0], q[0], r[0]], [p[1], q[1], r[1]], [p[2], q[2], r[2]]]
-}
-
-/// Numbers in all four places.
-#[inline(always)]
-pub(super) fn alike<T: Number>(like: T, v: Vec3) -> [T; 3] {
-    [like.like(v.x), like.like(v.y), like.like(v.z)]
 }
 
 /// Points by coordinates; the last one again where there are fewer than four.

@@ -4,9 +4,9 @@
 #![allow(clippy::inline_always)]
 
 use super::patch::Spot;
-use super::place::{Matrix, alike, difference, product, rows};
+use super::place::{Matrix, product, rows};
 use crate::frame::{CellPoint, Mat3, Vec3};
-use crate::lanes::{self, Lanes, Number, Work};
+use crate::lanes::{self, Lanes, Number, Work, alike, difference};
 
 /// A point as an element has placed it: from there others are guessed.
 #[derive(Clone, Copy)]

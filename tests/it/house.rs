@@ -11,7 +11,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("sets", &[]),
     ("lanes", &[]),
     ("field", &["frame"]),
-    ("mesh", &["frame", "field", "progress", "sets"]),
+    ("mesh", &["frame", "field", "lanes", "progress", "sets"]),
     ("symmetry", &[]),
     (
         "cell",
@@ -32,7 +32,10 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ),
     ("band", &["field", "frame", "progress", "lanes"]),
     ("slice", &["field", "frame"]),
-    ("mesher", &["field", "frame", "mesh", "band", "progress"]),
+    (
+        "mesher",
+        &["field", "frame", "lanes", "mesh", "band", "progress"],
+    ),
     (
         "vdb",
         &[

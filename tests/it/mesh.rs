@@ -248,6 +248,20 @@ fn needles_and_points_keep_the_distance_exact() {
         // A needle 1e-9 wide is its own segment within that width.
         assert!((d - scan).abs() < 4e-9, "{d} against {scan}");
     }
+    // Many at a time are as exact.
+    for q in points(&AROUND, 40) {
+        let lattice = SampleLattice {
+            origin: WorldPoint(q),
+            step: 0.03,
+            counts: [5, 7, 9],
+        };
+        let mut out = vec![0f32; lattice.len()];
+        solid.fill(&lattice, &mut out);
+        for (n, &f) in out.iter().enumerate() {
+            let d = solid.closest(lattice.point(n).0).distance;
+            assert_eq!(f.abs(), d as f32, "{:?}", lattice.point(n));
+        }
+    }
 }
 
 #[test]

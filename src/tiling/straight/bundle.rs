@@ -3,10 +3,10 @@
 #![allow(clippy::inline_always)]
 
 use crate::frame::{CellPoint, Vec3};
-use crate::lanes::{self, Eight, Lanes, Number, Work};
+use crate::lanes::{self, Eight, Lanes, Number, Work, alike, difference};
 use crate::tiling::clamp::beyond_row;
 use crate::tiling::patch::{ON_FACE, Patch};
-use crate::tiling::place::{alike, difference, product};
+use crate::tiling::place::product;
 
 /// Most points of a bundle: one bit each in a word.
 pub(super) const MOST: usize = 64;
