@@ -52,7 +52,8 @@ pub(super) fn distances(
     out: &mut [f64],
 ) {
     let facets: Vec<Facet> = triangles.map(Facet::new).collect();
-    let coordinates = facets.iter().flat_map(|f| f.corners).chain(points.to_vec());
+    let corners = facets.iter().flat_map(|f| f.corners);
+    let coordinates = corners.chain(points.iter().copied());
     let size = coordinates.map(|p| p.amax()).fold(0.0, f64::max);
     lanes::run(Distances {
         facets: &facets,

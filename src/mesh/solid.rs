@@ -123,7 +123,7 @@ impl MeshSolid {
     /// Replaces `slots` by all triangles that may be nearer than `reach` to a box: among them is the one
     /// closest to any point of the box, if it is within reach.
     pub(crate) fn collect(&self, region: &Aabb, reach: f64, slots: &mut Vec<u32>) {
-        self.surface.collect(region, reach, slots);
+        self.surface.collect(region, reach, usize::MAX, slots);
     }
 
     /// Adds to `slots` those of `among` that may be nearer than `reach` to a box.
@@ -171,7 +171,7 @@ impl MeshSolid {
         let mut near = Vec::new();
         if most.is_finite() {
             self.surface
-                .collect(&lattice.span(), most * (1.0 + 1e-9), &mut near);
+                .collect(&lattice.span(), most * (1.0 + 1e-9), FEW, &mut near);
         }
         if near.len() <= FEW {
             let points: Vec<Vec3> = (0..lattice.len()).map(|n| lattice.point(n).0).collect();

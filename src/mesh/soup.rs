@@ -132,15 +132,16 @@ impl Soup {
         search.found.0
     }
 
-    /// Replaces `found` by the slots of all triangles that may be nearer than `reach` to a box.
-    pub(crate) fn collect(&self, region: &Aabb, reach: f64, found: &mut Vec<u32>) {
+    /// Replaces `found` by the slots of all triangles that may be nearer than `reach` to a box; of more than
+    /// `most` by one more than these.
+    pub(crate) fn collect(&self, region: &Aabb, reach: f64, most: usize, found: &mut Vec<u32>) {
         found.clear();
         let near = self.nearness(region, reach);
         self.bvh.overlapping(&region.dilated(reach), |slot| {
             if near(slot as u32) {
                 found.push(slot as u32);
             }
-            true
+            found.len() <= most
         });
     }
 
