@@ -110,7 +110,7 @@ impl Work for Distances<'_> {
     }
 }
 
-/// x y z of a product, summed in the order of the scalar code and never fused: the same bits.
+/// a . b, summed in the order of the scalar code and never fused: the same bits.
 #[inline(always)]
 fn dot<T: Number>(a: [T; 3], b: [T; 3]) -> T {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
