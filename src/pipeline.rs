@@ -230,6 +230,7 @@ fn conclude(
     let mut report = Report {
         band: BandReport {
             elements_visited: stock.elements_visited(),
+            leaves_by_nodes: stock.leaves_by_nodes(),
             kernel: stock.kernel(),
             ..parts.band
         },

@@ -42,6 +42,7 @@ mod error;
 mod exact;
 mod fill;
 mod near;
+mod nodes;
 mod pair;
 mod patch;
 mod path;
@@ -142,6 +143,8 @@ pub struct TiledSolid<'a, F: Filling = Table> {
     components: Vec<Component>,
     /// The whole as one function over a box, where it is one.
     aligned: Option<aligned::Aligned>,
+    /// How far leaves told by nodes may displace the surface, world units, if they may at all.
+    nodes: Option<f64>,
     /// Where the elements are noted that bulk evaluation comes near.
     visits: Option<&'a Visits>,
 }
@@ -219,6 +222,7 @@ impl<'a, F: Filling> TiledSolid<'a, F> {
             component_of,
             components,
             aligned,
+            nodes: None,
             visits: None,
         })
     }
@@ -229,6 +233,16 @@ impl<'a, F: Filling> TiledSolid<'a, F> {
     pub fn noting(self, visits: &'a Visits) -> Self {
         Self {
             visits: Some(visits),
+            ..self
+        }
+    }
+
+    /// From now on whole leaves that lie within one element are told by the field at a few nodes, where that
+    /// displaces the surface by at most so much, world units. Single points are not, nor other lattices.
+    #[must_use]
+    pub fn by_nodes(self, most: f64) -> Self {
+        Self {
+            nodes: Some(most).filter(|m| *m > 0.0),
             ..self
         }
     }

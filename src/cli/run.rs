@@ -143,6 +143,12 @@ pub(super) fn reported(report: &Report, session: &Session) -> Answer {
             grouped(report.band.leaves_touched),
             grouped(report.band.voxels_evaluated)
         ));
+        if let Some(told) = report.band.leaves_by_nodes.filter(|n| *n > 0) {
+            session.note(&format!(
+                "{} leaves were told by their cell at a few nodes",
+                grouped(told)
+            ));
+        }
     }
     session.note(&summary(report));
     let lines: Vec<String> = report

@@ -135,6 +135,9 @@ pub struct BandReport {
     /// at; absent without a scaffold, and where bricks were only merged.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub elements_visited: Option<u64>,
+    /// Leaves whose values the cell at a few nodes told; absent as above.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub leaves_by_nodes: Option<u64>,
     /// How the tiled scaffold's values were found; absent without one, and where bricks were only merged.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub kernel: Option<Kernel>,

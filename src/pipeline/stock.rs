@@ -22,6 +22,9 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::{Arc, OnceLock};
 
+/// What nodes may take of the tolerance of a tiling; tables have theirs by themselves.
+const TOLD: f64 = 0.5;
+
 /// Everything a run reads.
 pub(super) struct Stock<'a> {
     /// The recipe.
@@ -236,6 +239,12 @@ impl<'a> Stock<'a> {
         }
     }
 
+    /// How far tables and nodes may displace the surface, voxels.
+    fn tolerance(&self) -> f64 {
+        let section = self.recipe.sections().tiling.as_ref();
+        section.map_or(0.0, |t| t.tolerance.0)
+    }
+
     /// The tiled scaffold as a field, if the recipe has one.
     pub fn tiled(&self, scale: Scale, offsets: Offsets) -> Result<Option<Shape<'_>>, RunError> {
         let Some(tiling) = &self.tiling else {
@@ -244,16 +253,17 @@ impl<'a> Stock<'a> {
         let options = self.tiling_options(scale, offsets);
         let failed = |e: tiling::TilingError| RunError::Tiling(e.to_string());
         let scaffold = &tiling.loaded.scaffold;
+        let nodes = TOLD * self.tolerance() * options.voxel_size;
         let field: Box<WorldField<'_>> = match tiling.tabulated()? {
             Filled::One(table) => {
                 let solid = TiledSolid::new(scaffold, table, options).map_err(failed)?;
                 self.kernel.get_or_init(|| solid.kernel());
-                Box::new(solid.noting(&self.visits))
+                Box::new(solid.noting(&self.visits).by_nodes(nodes))
             }
             Filled::Many(blend) => {
                 let solid = TiledSolid::owning(scaffold, *blend, options).map_err(failed)?;
                 self.kernel.get_or_init(|| solid.kernel());
-                Box::new(solid.noting(&self.visits))
+                Box::new(solid.noting(&self.visits).by_nodes(nodes))
             }
         };
         let bounds = tiling.loaded.scaffold.bounds();
@@ -289,6 +299,11 @@ impl<'a> Stock<'a> {
     /// How many elements of the tiled scaffold were visited since.
     pub fn elements_visited(&self) -> Option<u64> {
         self.kernel().map(|_| self.visits.count())
+    }
+
+    /// How many leaves of the tiled scaffold nodes have told since.
+    pub fn leaves_by_nodes(&self) -> Option<u64> {
+        self.kernel().map(|_| self.visits.leaves_by_nodes())
     }
 
     /// Elements of the scaffold.

@@ -32,7 +32,9 @@ pub struct TilingSection {
     pub thickness: Option<Varying>,
     /// How far, in voxels, the tables that cells are looked up in may displace the surface, as measured where
     /// voxels are finest against the cell: tables are as small as that allows, and waves that they are then
-    /// too coarse for are left out. 0 asks for as much as single precision and 160 samples per axis hold.
+    /// too coarse for are left out. Leaves in large elements are told by the cell at a few nodes, where that
+    /// displaces the surface by at most half as much. 0 asks for as much as single precision and 160 samples
+    /// per axis hold, and for no nodes.
     pub tolerance: Tolerance,
     /// Measure the continuity of the field over all shared faces, into the report.
     pub certificate: bool,

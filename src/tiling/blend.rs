@@ -408,6 +408,16 @@ impl<C: CellField> Filling for Blend<'_, C> {
         sup + moving
     }
 
+    /// Weights go through less than a wave over an element.
+    fn greatest_frequency(&self, element: usize) -> Option<f64> {
+        let shape = self.scaffold.element(element).shape();
+        let mut all = self.members.iter();
+        let greatest = all.try_fold(0.0, |most: f64, m| {
+            Some(most.max(m.of(shape)?.greatest_frequency()?))
+        });
+        Some(greatest? + 1.0)
+    }
+
     fn gradient_rms(&self, _: usize) -> f64 {
         1.0
     }

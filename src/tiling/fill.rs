@@ -3,6 +3,7 @@
 use super::batch::{Batch, Target};
 use super::boundary::Known;
 use super::near::{Local, Near};
+use super::nodes::Nodes;
 use super::straight::{CROWD, Straight, Wanted};
 use super::{Distance, Filling, TiledSolid};
 use crate::field::{Field, Interval, Point, SampleLattice};
@@ -21,6 +22,7 @@ struct Scratch {
     blocks: Vec<Vec<Target>>,
     batch: Batch,
     straight: Straight,
+    nodes: Nodes,
     /// Triangles of the boundary near the lattice.
     shore: Vec<u32>,
 }
@@ -65,6 +67,7 @@ impl<F: Filling> TiledSolid<'_, F> {
         let mut scratch = SCRATCH.take().unwrap_or_default();
         scratch.batch.looked = 0;
         scratch.straight.looked = 0;
+        scratch.nodes.looked = 0;
         out.fill(w as f32);
         let mut first = true;
         for component in (0..self.components.len()).filter(reaches) {
@@ -82,7 +85,7 @@ impl<F: Filling> TiledSolid<'_, F> {
             }
             scratch.values = values;
         }
-        let looked = scratch.batch.looked + scratch.straight.looked;
+        let looked = scratch.batch.looked + scratch.straight.looked + scratch.nodes.looked;
         SCRATCH.set(Some(scratch));
         looked
     }
@@ -106,6 +109,7 @@ impl<F: Filling> TiledSolid<'_, F> {
             blocks,
             batch,
             straight,
+            nodes,
             shore,
             ..
         } = scratch;
@@ -132,6 +136,9 @@ impl<F: Filling> TiledSolid<'_, F> {
             wide = self.near(component, &reached, self.margin());
         }
         self.note(&wide);
+        if self.fill_by_nodes((&wide, whole_depth), lattice, nodes, out) {
+            return;
+        }
         if self.options.distance == Distance::Fast
             && wide.patches.len() <= CROWD
             && self.are_straight(&wide)

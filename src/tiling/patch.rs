@@ -389,6 +389,11 @@ impl Patch {
         (p.0, jacobian)
     }
 
+    /// The greatest reference length per world length.
+    pub fn finest(&self) -> f64 {
+        1.0 / self.least_stretch
+    }
+
     /// Whether the map is affine.
     #[inline]
     pub fn is_affine(&self) -> bool {

@@ -23,6 +23,11 @@ pub trait CellField: Field<Point = CellPoint<3>> {
     fn products(&self) -> Option<&Products> {
         None
     }
+    /// Of the function's shortest wave, cycles per unit of reference length; `None` if it has kinks, or waves
+    /// of any length.
+    fn greatest_frequency(&self) -> Option<f64> {
+        None
+    }
     /// Values at points, into `out` of the same length.
     fn values(&self, points: &[CellPoint<3>], out: &mut [f64]) {
         for (v, &p) in out.iter_mut().zip(points) {
@@ -66,6 +71,9 @@ impl CellField for Table {
     }
     fn products(&self) -> Option<&Products> {
         Self::products(self)
+    }
+    fn greatest_frequency(&self) -> Option<f64> {
+        Self::greatest_frequency(self)
     }
     fn values(&self, points: &[CellPoint<3>], out: &mut [f64]) {
         let mut found = [0.0; TOGETHER];
@@ -169,6 +177,12 @@ pub trait Filling: Send + Sync {
     /// The gradient's root mean square on the surface in an element.
     fn gradient_rms(&self, element: usize) -> f64;
 
+    /// Of the function's shortest wave in an element, cycles per unit of reference length; `None` if it has
+    /// kinks there, or waves of any length.
+    fn greatest_frequency(&self, _element: usize) -> Option<f64> {
+        None
+    }
+
     /// The function as a few products of sines and cosines, if it is the same one in all elements.
     fn products(&self) -> Option<&Products> {
         None
@@ -231,6 +245,10 @@ impl<C: CellField> Filling for C {
 
     fn gradient_rms(&self, _: usize) -> f64 {
         CellField::gradient_rms(self)
+    }
+
+    fn greatest_frequency(&self, _: usize) -> Option<f64> {
+        CellField::greatest_frequency(self)
     }
 
     fn products(&self) -> Option<&Products> {

@@ -86,6 +86,10 @@ const SUBJECTS: &[Subject] = &[
         measure: w2::struts_in_tets,
     },
     Subject {
+        keys: &["P8.nodes"],
+        measure: w2::struts_in_large_tets,
+    },
+    Subject {
         keys: &["P7", "P17"],
         measure: w2::orbits_and_threads,
     },

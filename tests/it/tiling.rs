@@ -17,6 +17,7 @@ mod cosines;
 mod counts;
 mod distances;
 mod mixed;
+mod nodes;
 mod straight;
 
 use cosines::Cosines;

@@ -22,6 +22,8 @@ pub(super) struct Leaf {
     sup: f64,
     turns: Vec<Mat3>,
     planar: bool,
+    /// |f| of the shortest wave; `None` if it is no sum of waves.
+    frequency: Option<f64>,
     error: (f64, f64),
 }
 
@@ -38,6 +40,7 @@ impl Leaf {
             pyramid,
             spline: Spline::new(&coefficients, grid, spectrum.fold),
             error: spectrum.error_bounds(&grid),
+            frequency: spectrum.greatest_frequency(),
             turns: spectrum.turns,
             planar: spectrum.planar,
         }
@@ -152,6 +155,11 @@ impl Leaf {
     /// Bound of the gradient's length over the element.
     pub fn sup(&self) -> f64 {
         self.sup
+    }
+
+    /// Of its shortest wave, cycles per unit of reference length; `None` if it is no sum of waves.
+    pub fn greatest_frequency(&self) -> Option<f64> {
+        self.frequency
     }
 
     /// Samples along the axis that has most.

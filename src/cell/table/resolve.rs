@@ -12,7 +12,7 @@
 use super::build::{Spectrum, good_size, kept};
 use super::grid::Grid;
 use super::probe::Probe;
-use super::{Cell, CellError, LARGEST, SMALLEST, Table, function, spectra};
+use super::{Cell, CellError, Function, LARGEST, SMALLEST, Table, function, spectra};
 use std::f64::consts::TAU;
 
 /// What single precision adds, relative to the root mean square of the function: less need not be asked
@@ -75,6 +75,15 @@ impl Table {
             // Where waves meet, and where the slope is small, the displacement is several times the root
             // mean square over the mean slope. The next size may do; it need not be the one after.
             rms = error_rms / gain * (most / found).sqrt();
+        }
+    }
+
+    /// Of the shortest wave that the table holds, cycles per unit of reference length; `None` if its function is
+    /// not one series, or has kinks.
+    pub fn greatest_frequency(&self) -> Option<f64> {
+        match &self.function {
+            Function::Plain(leaf) if !self.solid.is_symmetric() => leaf.greatest_frequency(),
+            _ => None,
         }
     }
 }
@@ -154,6 +163,13 @@ impl Spectrum {
             self.dropped.value += size;
             self.dropped.slope += TAU * f * size;
         }
+    }
+
+    /// |f| of the shortest wave; `None` of a function that is no sum of waves.
+    pub(super) fn greatest_frequency(&self) -> Option<f64> {
+        let all = self.terms.iter().map(|t| self.frequency(t.0));
+        let greatest = all.fold(0.0, f64::max);
+        self.sampled.is_none().then_some(greatest)
     }
 
     /// |f| of an index, cycles per unit of reference length.

@@ -13,7 +13,7 @@ use druse::frame::{Aabb, CellPoint, Element, Transform, Vec3};
 use druse::progress::{Silent, Threads};
 use druse::scaffold::{Connectivity, Kind, Scaffold};
 use druse::tiling::{
-    Blend, Boundary, Distance, Filling, Interpolation, Member, TiledSolid, TilingOptions,
+    Blend, Boundary, Distance, Filling, Interpolation, Member, TiledSolid, TilingOptions, Visits,
 };
 use std::collections::HashMap;
 
@@ -22,6 +22,12 @@ type Fault = Box<dyn std::error::Error>;
 const ROUNDS: usize = 5;
 /// The longest axis of W2's ellipsoid, voxels: at half of that its struts are too thin for a band.
 const LONGEST: f64 = 1000.0;
+/// Between the points of its body-centred lattice, along an edge, as a share of that.
+const PITCH: f64 = 0.067;
+/// Large tets: the ellipsoid's longest axis and the lattice's edge, voxels.
+const LARGE: [f64; 2] = [2000.0, 800.0];
+/// Of a voxel, how far nodes may displace the surface: half of what tables may.
+const NODES: f64 = 0.005;
 /// Lattice points along an axis of the period of a strut cell.
 const SAMPLES: usize = 80;
 /// Band limits of strut cells: 20 orbits, 2000 and 5984.
@@ -29,11 +35,10 @@ const FEW: f64 = 3.2;
 const SOME: f64 = 17.0;
 const MANY: f64 = 24.5;
 
-/// Tets between the points of a body-centred lattice, those with their middle in an ellipsoid, and
-/// the longest axis in voxels.
-fn ellipsoid(longest: f64) -> Result<Scaffold, Fault> {
+/// Tets between the points of a body-centred lattice, those with their middle in an ellipsoid, by
+/// the longest axis and the lattice's edge in voxels.
+fn ellipsoid(longest: f64, pitch: f64) -> Result<Scaffold, Fault> {
     let axes = Vec3::new(0.5, 0.3, 0.2) * longest;
-    let pitch = 0.067 * longest;
     let (mut nodes, mut elements) = (Vec::new(), Connectivity::default());
     let mut known: HashMap<[i32; 3], u32> = HashMap::new();
     let reach = (axes.x / pitch) as i32 + 2;
@@ -127,7 +132,7 @@ fn tiled<'a, F: Filling>(
         distance: Distance::Fast,
         boundary: Boundary::Cut,
     };
-    Ok(TiledSolid::new(scaffold, filling, options)?)
+    Ok(TiledSolid::new(scaffold, filling, options)?.by_nodes(NODES))
 }
 
 /// One pass over the band of a field in voxels, every value read.
@@ -144,9 +149,10 @@ fn pass(field: &WorldField, extent: Aabb, threads: &Threads) -> Result<BandStats
     Ok(stats)
 }
 
-/// The same where only ratios count: half of it, unless it is wanted in full.
-fn longest(full: bool) -> f64 {
-    if full { LONGEST } else { LONGEST / 2.0 }
+/// W2's tets where only ratios count: half as long, unless they are wanted in full.
+fn w2(full: bool) -> Result<Scaffold, Fault> {
+    let longest = if full { LONGEST } else { LONGEST / 2.0 };
+    ellipsoid(longest, longest * PITCH)
 }
 
 /// Keys of a workload's counts.
@@ -195,7 +201,7 @@ const W3: Keys = Keys {
 /// The struts of W2, a quarter as long, as a level set on voxels of 1.
 #[cfg(feature = "vdb")]
 pub fn level_set(threads: &Threads) -> Result<druse::vdb::LevelSet, Fault> {
-    let scaffold = ellipsoid(250.0)?;
+    let scaffold = ellipsoid(250.0, 250.0 * PITCH)?;
     let table = table_for(&scaffold, FEW)?;
     let transform = Transform::new(1.0).ok_or("no voxel size")?;
     let builder = druse::vdb::LevelSetBuilder::new(transform, 3.0)?;
@@ -211,7 +217,7 @@ pub fn level_set(threads: &Threads) -> Result<druse::vdb::LevelSet, Fault> {
 
 /// P8 and the counts of W2.
 pub fn struts_in_tets(_: &Setting) -> Result<Vec<Found>, Fault> {
-    let scaffold = ellipsoid(LONGEST)?;
+    let scaffold = ellipsoid(LONGEST, LONGEST * PITCH)?;
     let extent = scaffold.bounds();
     let table = table_for(&scaffold, SOME)?;
     let one = Threads::new(1)?;
@@ -234,9 +240,33 @@ pub fn struts_in_tets(_: &Setting) -> Result<Vec<Found>, Fault> {
     Ok(found)
 }
 
+/// P8.nodes: what it gains to tell leaves of large cells by nodes.
+pub fn struts_in_large_tets(_: &Setting) -> Result<Vec<Found>, Fault> {
+    let [longest, pitch] = LARGE;
+    let scaffold = ellipsoid(longest, pitch)?;
+    let extent = scaffold.bounds();
+    let table = table_for(&scaffold, SOME)?;
+    let visits = Visits::new(scaffold.len());
+    let field = tiled(&scaffold, &table)?.noting(&visits);
+    let plain = tiled(&scaffold, &table)?.by_nodes(0.0);
+    let one = Threads::new(1)?;
+    let stats = pass(&field, extent, &one)?;
+    let told = visits.leaves_by_nodes();
+    let run = |field: &WorldField| {
+        pass(field, extent, &one).expect("the field is finite");
+    };
+    let seconds = in_turn(ROUNDS, &mut [&mut || run(&plain), &mut || run(&field)]);
+    let ratios = Spread::of_ratios(&seconds[0], &seconds[1]);
+    let note = format!(
+        "{ratios}; {told} of {} leaves told by nodes",
+        stats.leaves_touched
+    );
+    Ok(vec![Found::new("P8.nodes", ratios.median, note)])
+}
+
 /// P7, and what two threads make of W2's time: ratios, for which a smaller one will do.
 pub fn orbits_and_threads(setting: &Setting) -> Result<Vec<Found>, Fault> {
-    let scaffold = ellipsoid(longest(setting.full))?;
+    let scaffold = w2(setting.full)?;
     let extent = scaffold.bounds();
     let [few, some, many] = [FEW, SOME, MANY].map(|limit| table_for(&scaffold, limit));
     let (few, some, many) = (few?, some?, many?);
@@ -255,7 +285,7 @@ pub fn orbits_and_threads(setting: &Setting) -> Result<Vec<Found>, Fault> {
 
 /// A pass over W2 on one thread, for a process that does nothing else.
 pub fn one_pass(full: bool) -> Result<Box<dyn FnMut()>, Fault> {
-    let scaffold: &'static Scaffold = Box::leak(Box::new(ellipsoid(longest(full))?));
+    let scaffold: &'static Scaffold = Box::leak(Box::new(w2(full)?));
     let table: &'static Table = Box::leak(Box::new(table_for(scaffold, SOME)?));
     let field = tiled(scaffold, table)?;
     let one = Threads::new(1)?;
