@@ -28,7 +28,7 @@ const VOLUME: usize = EDGE * EDGE * EDGE;
 const WITHIN: f64 = 0.7;
 /// From here on, few nodes hardly ever do.
 const MUCH: f64 = 0.3;
-/// Where twice the tolerance and less is missed by so much, more nodes will do.
+/// More nodes may do where few miss the tolerance by no more than so many times.
 const HOPE: f64 = 64.0;
 /// Along each axis, samples at which the polynomial is compared with the cell: its ends, and between.
 const TRIED: [[usize; 2]; 2] = [[0, 7], [1, 5]];

@@ -56,14 +56,14 @@ impl<F: Filling> TiledSolid<'_, F> {
     }
 
     /// The filling's value in an element and its gradient by reference coordinates.
-    pub(super) fn slope(&self, element: u32, spot: &Spot) -> (f64, Vec3) {
+    fn slope(&self, element: u32, spot: &Spot) -> (f64, Vec3) {
         let at = CellPoint(spot.xi);
         self.filling.value_and_gradient(element as usize, at)
     }
 
     /// The scale `s_e`: distance per field unit at `x`, by two damped Newton steps with one element's
     /// own field, given its value and gradient there.
-    pub(super) fn scale(&self, patch: &Patch, spot: &Spot, x: Vec3, slope: (f64, Vec3)) -> f64 {
+    fn scale(&self, patch: &Patch, spot: &Spot, x: Vec3, slope: (f64, Vec3)) -> f64 {
         let pace = self.pace(patch);
         let mut at = [CellPoint(spot.xi)];
         let (mut legs, mut scales) = ([Leg::default()], [0.0]);
