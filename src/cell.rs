@@ -80,7 +80,7 @@ pub use icosahedral::{Icosahedral, lifted};
 pub use pairing::{default_group, groups, lattices, operators_of, rank, symmetry};
 pub use products::{Along, Column, FUNCTIONS, Products};
 pub use series::{Coefficient, Series};
-pub use solid::Solid;
+pub use solid::{Fold, Smooth, Solid};
 pub use source::{
     Caps, Origin, Skeleton, SkeletonError, Source, SourceKind, VoxelError, Voxels, graphs,
     plate_sets,

@@ -16,6 +16,24 @@ pub enum Solid {
     Channels,
 }
 
+/// How a function without kinks makes a sheet or its channels: the solid field is sign (|phi| - half).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Fold {
+    /// 1 of a sheet, -1 of channels.
+    pub sign: f32,
+    /// The level.
+    pub half: f32,
+}
+
+/// A function without kinks that a solid field is made of.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Smooth {
+    /// Of its shortest wave, cycles per unit of reference length.
+    pub frequency: f64,
+    /// How the solid field is made of it; `None` if it is the function itself.
+    pub fold: Option<Fold>,
+}
+
 impl Solid {
     /// Every kind.
     pub const ALL: [Self; 4] = [Self::Below, Self::Above, Self::Sheet, Self::Channels];
@@ -38,6 +56,16 @@ impl Solid {
     /// Whether it is an interval around zero or its complement, so that the level is a half width.
     pub const fn is_symmetric(self) -> bool {
         matches!(self, Self::Sheet | Self::Channels)
+    }
+
+    /// How the solid field is made of the function, if by more than its sign.
+    pub(super) fn fold(self, half: f32) -> Option<Fold> {
+        let sign = match self {
+            Self::Below | Self::Above => return None,
+            Self::Sheet => 1.0,
+            Self::Channels => -1.0,
+        };
+        Some(Fold { sign, half })
     }
 
     pub(super) fn check(self, level: f64) -> Result<(), CellError> {

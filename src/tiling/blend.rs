@@ -14,7 +14,7 @@ use super::distribution::Distribution;
 use super::pair::{Pair, pair};
 use super::source::{CellField, Filling, fills, single};
 use super::{Interpolation, TilingError, seam};
-use crate::cell::Table;
+use crate::cell::{Smooth, Table};
 use crate::field::{Field, Interval};
 use crate::frame::{CellBox, CellPoint, Element, Vec3};
 use crate::scaffold::Scaffold;
@@ -409,13 +409,17 @@ impl<C: CellField> Filling for Blend<'_, C> {
     }
 
     /// Weights go through less than a wave over an element.
-    fn greatest_frequency(&self, element: usize) -> Option<f64> {
+    fn smooth(&self, element: usize) -> Option<Smooth> {
         let shape = self.scaffold.element(element).shape();
         let mut all = self.members.iter();
         let greatest = all.try_fold(0.0, |most: f64, m| {
-            Some(most.max(m.of(shape)?.greatest_frequency()?))
+            let own = m.of(shape)?.smooth()?;
+            own.fold.is_none().then_some(most.max(own.frequency))
         });
-        Some(greatest? + 1.0)
+        Some(Smooth {
+            frequency: greatest? + 1.0,
+            fold: None,
+        })
     }
 
     fn gradient_rms(&self, _: usize) -> f64 {

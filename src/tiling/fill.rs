@@ -228,9 +228,7 @@ impl PartOfLattice {
             })
         })
     }
-}
 
-impl PartOfLattice {
     /// Its samples by blocks, each in storage order.
     fn blocks(&self, lattice: &SampleLattice<WorldPoint>, blocks: &mut Vec<Vec<Target>>) {
         let [_, ny, nz] = lattice.counts;

@@ -6,7 +6,8 @@
 //! the second one starts where the first ends, to which the field is continued to the second order.
 //!
 //! Whether a leaf may be told so is found by trying: the polynomial is compared with the cell at samples
-//! where it errs most, the leaf's corners among them.
+//! where it errs most, the leaf's corners among them. What is folded, a sheet about the zeros of a function, is
+//! told by that function.
 
 mod leaf;
 mod matrices;
@@ -39,7 +40,7 @@ pub(super) struct Nodes {
     at: Vec<Vec3>,
     points: Vec<CellPoint<3>>,
     values: Vec<f64>,
-    found: Spots,
+    spots: Spots,
     told: Told,
     /// At how many points a cell was looked at.
     pub looked: u64,
@@ -75,14 +76,15 @@ impl<F: Filling> TiledSolid<'_, F> {
         }
         let patch = &self.patches[number as usize];
         let across = (EDGE - 1) as f64 * lattice.step * patch.finest();
-        let Some(frequency) = self.filling.greatest_frequency(number as usize) else {
+        let Some(smooth) = self.filling.smooth(number as usize) else {
             return false;
         };
-        let waves = across * frequency;
+        let waves = across * smooth.frequency;
         if waves > WITHIN {
             return false;
         }
-        let rule = Rule::new(self.pace(patch), patch.slope_sup, w, lattice.step);
+        let pace = self.pace(patch);
+        let rule = Rule::new((pace, patch.slope_sup), smooth.fold, w, lattice.step);
         let allowed = tolerance * patch.slope_rms;
         let first = usize::from(waves > MUCH);
         for matrices in &Matrices::all()[first..] {
@@ -116,17 +118,17 @@ impl<F: Filling> TiledSolid<'_, F> {
             at,
             points,
             values,
-            found,
+            spots,
             told,
             looked,
         } = room;
         at.clear();
         let along = |axis: usize, steps: f64| lattice.origin.0[axis] + steps * lattice.step;
-        let nodes = &matrices.at[..matrices.count];
-        for &i in nodes {
-            for &j in nodes {
+        let places = &matrices.at[..matrices.count];
+        for &i in places {
+            for &j in places {
                 let (x, y) = (along(0, i), along(1, j));
-                at.extend(nodes.iter().map(|&k| Vec3::new(x, y, along(2, k))));
+                at.extend(places.iter().map(|&k| Vec3::new(x, y, along(2, k))));
             }
         }
         let count = at.len();
@@ -144,25 +146,28 @@ impl<F: Filling> TiledSolid<'_, F> {
                 self.scaffold,
                 (at, f64::INFINITY),
                 (&mut trail, true),
-                found,
+                spots,
             );
-            for spot in &found.all {
+            for spot in &spots.all {
                 points.push(CellPoint(spot.as_ref().filter(|s| s.beyond <= 0.0)?.xi));
             }
         }
         values.resize(points.len(), 0.0);
-        self.filling.values(number as usize, points, values);
+        let (nodes, tried) = points.split_at(count);
+        let (own, found) = values.split_at_mut(count);
+        self.filling.smooth_values(number as usize, nodes, own);
+        self.filling.values(number as usize, tried, found);
         *looked += points.len() as u64;
-        let mut own = [0.0; MOST * MOST * MOST];
-        for (to, &v) in own.iter_mut().zip(&values[..count]) {
-            *to = v as f32;
+        let mut singles = [0.0; MOST * MOST * MOST];
+        for (to, v) in singles.iter_mut().zip(own) {
+            *to = *v as f32;
         }
-        if !tell(matrices, &own, rule, told) {
+        if !tell(matrices, &singles, rule, told) {
             return None;
         }
-        let missed = trials().zip(&values[count..]).map(|([i, j, k], v)| {
+        let missed = trials().zip(found).map(|([i, j, k], v)| {
             let told = told.values[(i * EDGE + j) * EDGE + k];
-            (f64::from(told) - v).abs()
+            (f64::from(told) - *v).abs()
         });
         Some(missed.fold(0.0, f64::max))
     }

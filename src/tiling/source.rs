@@ -1,7 +1,7 @@
 //! What a tiling asks of what fills its elements: of one cell, and of fillings of several.
 
 use super::{TilingError, seam};
-use crate::cell::{Cell, Products, Table};
+use crate::cell::{Cell, Products, Smooth, Table};
 use crate::field::{Field, Interval};
 use crate::frame::{CellBox, CellPoint, Element, Vec3};
 use crate::scaffold::Scaffold;
@@ -23,10 +23,13 @@ pub trait CellField: Field<Point = CellPoint<3>> {
     fn products(&self) -> Option<&Products> {
         None
     }
-    /// Of the function's shortest wave, cycles per unit of reference length; `None` if it has kinks, or waves
-    /// of any length.
-    fn greatest_frequency(&self) -> Option<f64> {
+    /// The function without kinks that it is made of, if there is one and its waves are known.
+    fn smooth(&self) -> Option<Smooth> {
         None
+    }
+    /// Values of that function at points, into `out` of the same length.
+    fn smooth_values(&self, points: &[CellPoint<3>], out: &mut [f64]) {
+        self.values(points, out);
     }
     /// Values at points, into `out` of the same length.
     fn values(&self, points: &[CellPoint<3>], out: &mut [f64]) {
@@ -56,6 +59,19 @@ pub(super) fn single((value, slope): (f64, Vec3)) -> [f32; 4] {
 /// Points that a table is asked for together.
 const TOGETHER: usize = 16;
 
+/// Asks for values in single precision.
+#[inline]
+fn by_few(points: &[CellPoint<3>], out: &mut [f64], ask: impl Fn(&[CellPoint<3>], &mut [f32])) {
+    let mut found = [0.0; TOGETHER];
+    for (points, out) in points.chunks(TOGETHER).zip(out.chunks_mut(TOGETHER)) {
+        let found = &mut found[..points.len()];
+        ask(points, found);
+        for (v, &f) in out.iter_mut().zip(&*found) {
+            *v = f64::from(f);
+        }
+    }
+}
+
 impl CellField for Table {
     fn element(&self) -> Element {
         Self::element(self)
@@ -72,18 +88,16 @@ impl CellField for Table {
     fn products(&self) -> Option<&Products> {
         Self::products(self)
     }
-    fn greatest_frequency(&self) -> Option<f64> {
-        Self::greatest_frequency(self)
+    fn smooth(&self) -> Option<Smooth> {
+        Self::smooth(self)
+    }
+    fn smooth_values(&self, points: &[CellPoint<3>], out: &mut [f64]) {
+        by_few(points, out, |points, out| {
+            Self::smooth_values(self, points, out)
+        });
     }
     fn values(&self, points: &[CellPoint<3>], out: &mut [f64]) {
-        let mut found = [0.0; TOGETHER];
-        for (points, out) in points.chunks(TOGETHER).zip(out.chunks_mut(TOGETHER)) {
-            let found = &mut found[..points.len()];
-            Self::values(self, points, found);
-            for (v, &f) in out.iter_mut().zip(&*found) {
-                *v = f64::from(f);
-            }
-        }
+        by_few(points, out, |points, out| Self::values(self, points, out));
     }
     fn slopes(&self, points: &[CellPoint<3>], out: &mut [(f64, Vec3)]) {
         let mut found = [[0.0; 4]; TOGETHER];
@@ -177,10 +191,15 @@ pub trait Filling: Send + Sync {
     /// The gradient's root mean square on the surface in an element.
     fn gradient_rms(&self, element: usize) -> f64;
 
-    /// Of the function's shortest wave in an element, cycles per unit of reference length; `None` if it has
-    /// kinks there, or waves of any length.
-    fn greatest_frequency(&self, _element: usize) -> Option<f64> {
+    /// The function without kinks that the field is made of in an element, if there is one and its waves are
+    /// known.
+    fn smooth(&self, _element: usize) -> Option<Smooth> {
         None
+    }
+
+    /// Values of that function at points of one element, into `out` of the same length.
+    fn smooth_values(&self, element: usize, points: &[CellPoint<3>], out: &mut [f64]) {
+        self.values(element, points, out);
     }
 
     /// The function as a few products of sines and cosines, if it is the same one in all elements.
@@ -247,8 +266,12 @@ impl<C: CellField> Filling for C {
         CellField::gradient_rms(self)
     }
 
-    fn greatest_frequency(&self, _: usize) -> Option<f64> {
-        CellField::greatest_frequency(self)
+    fn smooth(&self, _: usize) -> Option<Smooth> {
+        CellField::smooth(self)
+    }
+
+    fn smooth_values(&self, _: usize, points: &[CellPoint<3>], out: &mut [f64]) {
+        CellField::smooth_values(self, points, out);
     }
 
     fn products(&self) -> Option<&Products> {

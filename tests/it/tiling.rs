@@ -128,7 +128,9 @@ fn culling_never_misses_a_leaf_on_random_cells_and_maps() {
     let mut noise = Noise::new(11);
     let threads = Threads::new(2).unwrap();
     let (mut touched, mut kept, mut all) = (0, 0, 0);
-    for pair in 0..220 {
+    let is_full = std::env::var_os("DRUSE_FULL").is_some();
+    let pairs = if is_full { 220 } else { 110 };
+    for pair in 0..pairs {
         let kind = kinds[pair % kinds.len()];
         let cell = Cosines::random(kind.shape(), &mut noise);
         let counts = if kind.shape() == Element::Tet {
@@ -178,7 +180,7 @@ fn culling_never_misses_a_leaf_on_random_cells_and_maps() {
         kept += stats.leaves_kept;
         all += ((high - low) / 8).product() as u64;
     }
-    println!("220 pairs: {all} leaves in all, {touched} evaluated, {kept} kept");
+    println!("{pairs} pairs: {all} leaves in all, {touched} evaluated, {kept} kept");
     assert!(kept > 1000);
 }
 

@@ -13,6 +13,8 @@ use super::build::{Spectrum, good_size, kept};
 use super::grid::Grid;
 use super::probe::Probe;
 use super::{Cell, CellError, Function, LARGEST, SMALLEST, Table, function, spectra};
+use crate::cell::Smooth;
+use crate::frame::CellPoint;
 use std::f64::consts::TAU;
 
 /// What single precision adds, relative to the root mean square of the function: less need not be asked
@@ -78,12 +80,23 @@ impl Table {
         }
     }
 
-    /// Of the shortest wave that the table holds, cycles per unit of reference length; `None` if its function is
-    /// not one series, or has kinks.
-    pub fn greatest_frequency(&self) -> Option<f64> {
+    /// The function without kinks that the table holds, if it is one series.
+    pub fn smooth(&self) -> Option<Smooth> {
+        let Function::Plain(leaf) = &self.function else {
+            return None;
+        };
+        Some(Smooth {
+            frequency: leaf.greatest_frequency()?,
+            fold: self.solid.fold(self.half),
+        })
+    }
+
+    /// Values of that function at points, into `out` of the same length; those of the solid field where there is
+    /// no fold.
+    pub fn smooth_values(&self, points: &[CellPoint<3>], out: &mut [f32]) {
         match &self.function {
-            Function::Plain(leaf) if !self.solid.is_symmetric() => leaf.greatest_frequency(),
-            _ => None,
+            Function::Plain(leaf) if self.solid.is_symmetric() => leaf.spline.values(points, out),
+            _ => self.values(points, out),
         }
     }
 }

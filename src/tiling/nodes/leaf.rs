@@ -5,6 +5,7 @@
 
 use super::matrices::{MOST, Matrices, ORDERS};
 use super::{EDGE, VOLUME};
+use crate::cell::Fold;
 use crate::lanes::{self, Lanes, Work};
 use crate::tiling::walk::Pace;
 
@@ -25,6 +26,8 @@ pub(super) struct Rule {
     most: f32,
     /// Below this a value is a zero.
     zero: f32,
+    /// How the field is made of what nodes tell.
+    fold: Option<Fold>,
     /// How much of a value a first step may leave.
     left: f32,
     /// Bounds of the scale, voxels per field unit.
@@ -35,14 +38,20 @@ pub(super) struct Rule {
 }
 
 impl Rule {
-    /// Of an element with such slopes.
-    pub fn new(pace: Pace, slope_sup: f64, half_width: f64, step: f64) -> Self {
+    /// Of an element with such slopes, and of how its field is made of what nodes tell.
+    pub fn new(
+        (pace, slope_sup): (Pace, f64),
+        fold: Option<Fold>,
+        half_width: f64,
+        step: f64,
+    ) -> Self {
         Self {
             damping: (pace.damping * step * step) as f32,
             longest: (2.0 * half_width / step) as f32,
             most: (half_width * slope_sup) as f32,
             zero: pace.zero as f32,
             left: (LEFT * (WIDE * step / half_width).min(1.0)) as f32,
+            fold,
             scales: pace.scales.map(|s| (s / step) as f32),
             step: step as f32,
             half_width: half_width as f32,
@@ -151,6 +160,11 @@ impl Work for Tell<'_> {
                 for i in 0..count {
                     f = l.fused(l.splat(matrices.by[0][i][x]), by_y[0][i], f);
                 }
+                let raw = f;
+                if let Some(fold) = rule.fold {
+                    let away = l.sub(l.magnitude(f), l.splat(fold.half));
+                    f = l.mul(l.splat(fold.sign), away);
+                }
                 let n = x * EDGE + y;
                 store(l, f, &mut told.values, n);
                 let w = l.splat(rule.half_width);
@@ -168,6 +182,13 @@ impl Work for Tell<'_> {
                     }
                     for (slope, [along_x, rest]) in slopes.iter_mut().zip(WANTED) {
                         *slope = l.fused(by[along_x], by_y[rest][i], *slope);
+                    }
+                }
+                if let Some(fold) = rule.fold {
+                    let (sign, other) = (l.splat(fold.sign), l.splat(-fold.sign));
+                    let side = l.select_below(raw, none, other, sign);
+                    for slope in &mut slopes {
+                        *slope = l.mul(side, *slope);
                     }
                 }
                 let (scale, left) = scale(l, rule, f, &slopes);
