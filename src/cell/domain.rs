@@ -203,19 +203,25 @@ impl SimplexGrid {
 
     /// The tetrahedra between a = i/n and (i + 1)/n; all have the same volume.
     pub fn layer(i: usize, mut visit: impl FnMut([[usize; 3]; 4])) {
-        let ordered = |c: &[usize; 3]| c[0] >= c[1] && c[1] >= c[2];
         for j in 0..=i {
             for k in 0..=j {
-                for path in PATHS {
-                    let mut corners = [[i, j, k]; 4];
-                    for step in 0..3 {
-                        corners[step + 1] = corners[step];
-                        corners[step + 1][path[step]] += 1;
-                    }
-                    if corners.iter().all(ordered) {
-                        visit(corners);
-                    }
-                }
+                Self::cube([i, j, k], &mut visit);
+            }
+        }
+    }
+
+    /// The tetrahedra of the cube whose least corner is (i, j, k)/n: six, of which those outside the simplex
+    /// are left out where the cube reaches out of it, that is unless i > j > k.
+    pub fn cube(least: [usize; 3], mut visit: impl FnMut([[usize; 3]; 4])) {
+        let ordered = |c: &[usize; 3]| c[0] >= c[1] && c[1] >= c[2];
+        for path in PATHS {
+            let mut corners = [least; 4];
+            for step in 0..3 {
+                corners[step + 1] = corners[step];
+                corners[step + 1][path[step]] += 1;
+            }
+            if corners.iter().all(ordered) {
+                visit(corners);
             }
         }
     }

@@ -93,7 +93,7 @@ impl CellField for Table {
     }
     fn smooth_values(&self, points: &[CellPoint<3>], out: &mut [f64]) {
         by_few(points, out, |points, out| {
-            Self::smooth_values(self, points, out)
+            Self::smooth_values(self, points, out);
         });
     }
     fn values(&self, points: &[CellPoint<3>], out: &mut [f64]) {

@@ -58,7 +58,7 @@ fn no_damaged_file_ends_the_program_and_all_damage_is_found() {
     let whole = fs::read(place.join("a.vdb")).unwrap();
     let good = druse(place, "info a.vdb --json").output().unwrap();
     let good: serde_json::Value = serde_json::from_slice(&good.stdout).unwrap();
-    let count = if full() { 2400 } else { 60 };
+    let count = if full() { 2400 } else { 40 };
     let mut dice = Dice(0x9e37_79b9_7f4a_7c15);
     let (mut refused, mut told_by_hash, mut harmless) = (0, 0, 0);
     for n in 0..count {
@@ -196,7 +196,7 @@ fn a_full_disk_is_told_with_path_and_bytes() {
 /// Lattices of smooth cells, half of them cut by walls that lie in planes of voxels or slant.
 #[test]
 fn random_lattices_have_closed_manifold_meshes() {
-    let count = if full() { 1000 } else { 200 };
+    let count = if full() { 1000 } else { 60 };
     let kinds = [
         ("hex", ["schwarz_p", "iwp", "neovius", "f_rd"]),
         ("tet", ["diamond", "schwarz_p", "iwp", "neovius"]),
@@ -226,8 +226,8 @@ fn random_lattices_have_closed_manifold_meshes() {
                 ops = format!("{ops}[[op]]\n{wall}\n");
             }
         }
-        // Exact fields cost most: of every twentieth lattice only.
-        let wish = if n % 20 == 0 {
+        // Exact fields cost most: of every twelfth lattice only.
+        let wish = if n % 12 == 0 {
             wishes[dice.below(4)]
         } else {
             ""
