@@ -64,19 +64,26 @@ pub trait Lanes: Copy {
     fn below(self, a: Self::F, b: Self::F) -> u8;
     /// x where a < b, else y.
     fn select_below(self, a: Self::F, b: Self::F, x: Self::F, y: Self::F) -> Self::F;
-    /// The sum of each of four rows.
-    fn sums(self, rows: [Self::F; 4]) -> [f32; 4];
+    /// The greatest integers not above, of numbers below 2^31.
+    fn floor(self, a: Self::F) -> Self::F;
+    /// 1 or -1, with the sign.
+    fn sign(self, a: Self::F) -> Self::F;
+    /// Of numbers that are integers.
+    fn integers(self, a: Self::F) -> [i32; 8];
+    /// The sums of neighbours: in each half two of the first row, then two of the second.
+    fn neighbours(self, a: Self::F, b: Self::F) -> Self::F;
+    /// The sum of its halves.
+    fn total(self, v: Self::F) -> [f32; 4];
+    /// Both rows in turn: in each half first those of its places 0 and 1, then of its places 2 and 3.
+    fn interleaved(self, a: Self::F, b: Self::F) -> [Self::F; 2];
+    /// The first halves of two rows, and the second.
+    fn halves(self, a: Self::F, b: Self::F) -> [Self::F; 2];
     /// What four rows hold at each of their eight places.
     fn by_place(self, rows: [Self::F; 4]) -> [[f32; 4]; 8];
     /// Four rows, from what they hold at each of their eight places.
     fn by_row(self, places: &[[f32; 4]; 8]) -> [Self::F; 4];
     /// The first, the second, the first and so on.
     fn alternating(self, v: [f32; 2]) -> Self::F;
-    /// Each of four numbers twice, one after the other.
-    fn doubled(self, v: [f32; 4]) -> Self::F;
-    /// Products of four numbers.
-    fn products(self, a: [f32; 4], b: [f32; 4]) -> [f32; 4];
-
     /// Eight numbers from two rows of four.
     fn both(self, low: [f32; 4], high: [f32; 4]) -> Self::F;
     /// Four doubles from memory.
@@ -109,14 +116,10 @@ pub trait Lanes: Copy {
     fn max_four(self, a: Self::D, b: Self::D) -> Self::D;
     /// The greatest integers not above.
     fn floor_four(self, v: Self::D) -> Self::D;
-    /// 1 or -1, with the sign.
-    fn sign_four(self, v: Self::D) -> Self::D;
     /// To memory.
     fn doubles(self, v: Self::D) -> [f64; 4];
     /// In single precision.
     fn singles(self, v: Self::D) -> [f32; 4];
-    /// Of doubles that are integers.
-    fn integers(self, v: Self::D) -> [i32; 4];
 }
 
 /// Sixteen numbers on some lanes.
@@ -257,11 +260,16 @@ mod tests {
                 two.pair([rows[1], rows[0]]),
                 two.each([0.5, -3.0]),
                 two.mul(a, b),
-                two.fused(a, b, c),
                 two.min(a, b),
                 two.max(a, b),
                 two.magnitude(a),
                 two.select_below(a, b, c, a),
+                two.pair([l.floor(rows[0]), l.sign(rows[1])]),
+                two.pair(l.interleaved(rows[0], rows[1])),
+                two.pair(l.halves(rows[0], rows[1])),
+                two.pair([l.neighbours(rows[0], rows[1]), rows[0]]),
+                two.pair([rows[1], l.both(l.total(rows[0]), l.total(rows[1]))]),
+                two.fused(a, b, c),
             ];
             let mut singles = Vec::new();
             for pair in all {
@@ -286,17 +294,24 @@ mod tests {
                 two.max_eight(x, y),
                 two.select_below_eight(x, y, z, x),
                 two.floor_eight(x),
-                two.sign_eight(x),
             ];
             let mut doubles = Vec::new();
             for eight in all {
                 doubles.push(two.doubles(eight));
             }
+            let [p, q, r] = self.1;
+            let mut points = [[0.0; 3]; 8];
+            for (n, point) in points.iter_mut().enumerate() {
+                *point = [p[n], q[n], r[n]];
+            }
+            for turned in two.turned_eight(&points) {
+                doubles.push(two.doubles(turned));
+            }
             let mut to = [[0.0; 8]; 2];
             l.store(two.singles_eight(x), &mut to[0]);
             singles.push(to);
             let mut bits = vec![u64::from(two.below(a, b)), u64::from(two.below_eight(x, y))];
-            for n in two.integers_eight(two.floor_eight(x)) {
+            for n in l.integers(l.floor(rows[0])) {
                 bits.push(n as u64);
             }
             (singles, doubles, bits)
@@ -317,7 +332,11 @@ mod tests {
             let plain = by(Code::Portable);
             prop_assert_eq!(&best, &rows);
             prop_assert_eq!(&best.2, &plain.2);
-            prop_assert_eq!(best.0[..4].to_vec(), plain.0[..4].to_vec());
+            let fused = best.0.len() - 2;
+            prop_assert_eq!(best.0[..fused].to_vec(), plain.0[..fused].to_vec());
+            let turned = best.1.len() - 3;
+            prop_assert_eq!(best.1[turned..].to_vec(), doubles.to_vec());
+            prop_assert!(best.0[8][0].iter().zip(a[0]).all(|(cut, a)| *cut == a.floor()));
             let near = |a: f64, b: f64| (a - b).abs() <= 1e-9 * (1.0 + a.abs());
             for (a, b) in best.1.as_flattened().iter().zip(plain.1.as_flattened()) {
                 prop_assert!(near(*a, *b), "{a} {b}");

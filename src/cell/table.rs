@@ -33,7 +33,6 @@ mod pyramid;
 mod resolve;
 mod spline;
 mod steepest;
-mod weights;
 mod window;
 use build::{Spectrum, good_size};
 use grid::Grid;

@@ -3,7 +3,7 @@
 #![allow(clippy::inline_always)]
 
 use super::{Lanes, Rows, Twice};
-use pulp::{Simd, b16, cast, f32x8, f32x16, f64x4, f64x8, i32x4, x86::V3, x86::V4};
+use pulp::{Simd, b16, cast, f32x8, f32x16, f64x4, f64x8, u64x8, x86::V3, x86::V4};
 
 /// Processors with AVX2 and fused multiplications, and what they do two rows at a time with.
 #[derive(Clone, Copy)]
@@ -105,17 +105,45 @@ impl<T: Width> Lanes for Wide<T> {
         self.0.select_f32s(mask, x, y)
     }
     #[inline(always)]
-    fn sums(self, rows: [Self::F; 4]) -> [f32; 4] {
-        // Neighbours twice, then both halves.
-        let [a, b, c, d] = rows;
-        let [a, b, c, d] = [cast(a), cast(b), cast(c), cast(d)];
-        let pairs = self.0.avx._mm256_hadd_ps(
-            self.0.avx._mm256_hadd_ps(a, b),
-            self.0.avx._mm256_hadd_ps(c, d),
-        );
-        let low = self.0.avx._mm256_castps256_ps128(pairs);
-        let high = self.0.avx._mm256_extractf128_ps::<1>(pairs);
+    fn floor(self, a: f32x8) -> f32x8 {
+        self.0.floor_f32x8(a)
+    }
+    #[inline(always)]
+    fn sign(self, a: f32x8) -> f32x8 {
+        let sign = self.0.and_f32x8(a, self.0.splat_f32x8(-0.0));
+        self.0.or_f32x8(sign, self.0.splat_f32x8(1.0))
+    }
+    #[inline(always)]
+    fn integers(self, a: f32x8) -> [i32; 8] {
+        cast(self.0.avx._mm256_cvttps_epi32(cast(a)))
+    }
+    #[inline(always)]
+    fn neighbours(self, a: f32x8, b: f32x8) -> f32x8 {
+        cast(self.0.avx._mm256_hadd_ps(cast(a), cast(b)))
+    }
+    #[inline(always)]
+    fn total(self, v: f32x8) -> [f32; 4] {
+        let low = self.0.avx._mm256_castps256_ps128(cast(v));
+        let high = self.0.avx._mm256_extractf128_ps::<1>(cast(v));
         cast(self.0.sse._mm_add_ps(low, high))
+    }
+    #[inline(always)]
+    fn interleaved(self, a: f32x8, b: f32x8) -> [f32x8; 2] {
+        let (a, b) = (cast(a), cast(b));
+        let avx = self.0.avx;
+        [
+            cast(avx._mm256_unpacklo_ps(a, b)),
+            cast(avx._mm256_unpackhi_ps(a, b)),
+        ]
+    }
+    #[inline(always)]
+    fn halves(self, a: f32x8, b: f32x8) -> [f32x8; 2] {
+        let (a, b) = (cast(a), cast(b));
+        let avx = self.0.avx;
+        [
+            cast(avx._mm256_permute2f128_ps::<0x20>(a, b)),
+            cast(avx._mm256_permute2f128_ps::<0x31>(a, b)),
+        ]
     }
     #[inline(always)]
     fn by_place(self, rows: [f32x8; 4]) -> [[f32; 4]; 8] {
@@ -163,16 +191,6 @@ impl<T: Width> Lanes for Wide<T> {
     #[inline(always)]
     fn alternating(self, v: [f32; 2]) -> f32x8 {
         cast(self.0.splat_f64x4(cast(v)))
-    }
-    #[inline(always)]
-    fn doubled(self, v: [f32; 4]) -> f32x8 {
-        let low = self.0.avx._mm256_castps128_ps256(cast(v));
-        let places = cast([0, 0, 1, 1, 2, 2, 3, 3]);
-        cast(self.0.avx2._mm256_permutevar8x32_ps(low, places))
-    }
-    #[inline(always)]
-    fn products(self, a: [f32; 4], b: [f32; 4]) -> [f32; 4] {
-        cast(self.0.sse._mm_mul_ps(cast(a), cast(b)))
     }
     #[inline(always)]
     fn both(self, low: [f32; 4], high: [f32; 4]) -> f32x8 {
@@ -253,22 +271,12 @@ impl<T: Width> Lanes for Wide<T> {
         self.0.floor_f64x4(v)
     }
     #[inline(always)]
-    fn sign_four(self, v: f64x4) -> f64x4 {
-        let sign = self.0.and_f64x4(v, self.0.splat_f64x4(-0.0));
-        self.0.or_f64x4(sign, self.0.splat_f64x4(1.0))
-    }
-    #[inline(always)]
     fn doubles(self, v: f64x4) -> [f64; 4] {
         cast(v)
     }
     #[inline(always)]
     fn singles(self, v: f64x4) -> [f32; 4] {
         cast(self.0.convert_f64x4_to_f32x4(v))
-    }
-    #[inline(always)]
-    fn integers(self, v: f64x4) -> [i32; 4] {
-        let v: i32x4 = self.0.convert_f64x4_to_i32x4(v);
-        cast(v)
     }
 }
 
@@ -347,6 +355,20 @@ impl Twice for V4 {
         cast(self.avx512f._mm512_insertf64x4::<1>(low, cast(high)))
     }
     #[inline(always)]
+    fn turned_eight(self, v: &[[f64; 3]; 8]) -> [f64x8; 3] {
+        // Of the first two thirds of the 24 numbers what belongs to a coordinate, then of the last.
+        let [a, b, c]: [f64x8; 3] = cast(*v);
+        let (a, b, c) = (cast(a), cast(b), cast(c));
+        let avx = self.avx512f;
+        let x = avx._mm512_permutex2var_pd(a, cast(u64x8(0, 3, 6, 9, 12, 15, 0, 0)), b);
+        let y = avx._mm512_permutex2var_pd(a, cast(u64x8(1, 4, 7, 10, 13, 0, 0, 0)), b);
+        let z = avx._mm512_permutex2var_pd(a, cast(u64x8(2, 5, 8, 11, 14, 0, 0, 0)), b);
+        let x = avx._mm512_permutex2var_pd(x, cast(u64x8(0, 1, 2, 3, 4, 5, 10, 13)), c);
+        let y = avx._mm512_permutex2var_pd(y, cast(u64x8(0, 1, 2, 3, 4, 8, 11, 14)), c);
+        let z = avx._mm512_permutex2var_pd(z, cast(u64x8(0, 1, 2, 3, 4, 9, 12, 15)), c);
+        [cast(x), cast(y), cast(z)]
+    }
+    #[inline(always)]
     fn all_eight(self, v: f64) -> f64x8 {
         self.splat_f64s(v)
     }
@@ -396,18 +418,7 @@ impl Twice for V4 {
         cast(self.avx512f._mm512_roundscale_pd::<0x09>(cast(v)))
     }
     #[inline(always)]
-    fn sign_eight(self, v: f64x8) -> f64x8 {
-        let sign = self
-            .avx512dq
-            ._mm512_and_pd(cast(v), cast(self.splat_f64s(-0.0)));
-        cast(self.avx512dq._mm512_or_pd(sign, cast(self.splat_f64s(1.0))))
-    }
-    #[inline(always)]
     fn singles_eight(self, v: f64x8) -> f32x8 {
         cast(self.avx512f._mm512_cvtpd_ps(cast(v)))
-    }
-    #[inline(always)]
-    fn integers_eight(self, v: f64x8) -> [i32; 8] {
-        cast(self.avx512f._mm512_cvttpd_epi32(cast(v)))
     }
 }

@@ -75,11 +75,45 @@ impl Lanes for Plain {
         a.simd_lt(b).bitselect(x, y)
     }
     #[inline(always)]
-    fn sums(self, rows: [f32x8; 4]) -> [f32; 4] {
-        rows.map(|r| {
-            let r = r.to_array();
-            ((r[0] + r[1]) + (r[2] + r[3])) + ((r[4] + r[5]) + (r[6] + r[7]))
-        })
+    fn floor(self, a: f32x8) -> f32x8 {
+        f32x8::new(a.to_array().map(|v| {
+            let cut = v as i32 as f32;
+            cut - f32::from(u8::from(cut > v))
+        }))
+    }
+    #[inline(always)]
+    fn sign(self, a: f32x8) -> f32x8 {
+        f32x8::new(a.to_array().map(|v| 1f32.copysign(v)))
+    }
+    #[inline(always)]
+    fn integers(self, a: f32x8) -> [i32; 8] {
+        a.to_array().map(|v| v as i32)
+    }
+    #[inline(always)]
+    fn neighbours(self, a: f32x8, b: f32x8) -> f32x8 {
+        let ([a, b, c, d, e, f, g, h], o) = (a.to_array(), b.to_array());
+        let low = [a + b, c + d, o[0] + o[1], o[2] + o[3]];
+        self.both(low, [e + f, g + h, o[4] + o[5], o[6] + o[7]])
+    }
+    #[inline(always)]
+    fn total(self, v: f32x8) -> [f32; 4] {
+        let [a, b, c, d, e, f, g, h] = v.to_array();
+        [a + e, b + f, c + g, d + h]
+    }
+    #[inline(always)]
+    fn interleaved(self, a: f32x8, b: f32x8) -> [f32x8; 2] {
+        let (a, b) = (a.to_array(), b.to_array());
+        let low = self.both([a[0], b[0], a[1], b[1]], [a[4], b[4], a[5], b[5]]);
+        [
+            low,
+            self.both([a[2], b[2], a[3], b[3]], [a[6], b[6], a[7], b[7]]),
+        ]
+    }
+    #[inline(always)]
+    fn halves(self, a: f32x8, b: f32x8) -> [f32x8; 2] {
+        let ([a, b, c, d, e, f, g, h], o) = (a.to_array(), b.to_array());
+        let low = self.both([a, b, c, d], [o[0], o[1], o[2], o[3]]);
+        [low, self.both([e, f, g, h], [o[4], o[5], o[6], o[7]])]
     }
     #[inline(always)]
     fn by_place(self, rows: [f32x8; 4]) -> [[f32; 4]; 8] {
@@ -93,14 +127,6 @@ impl Lanes for Plain {
     #[inline(always)]
     fn alternating(self, [a, b]: [f32; 2]) -> f32x8 {
         f32x8::new([a, b, a, b, a, b, a, b])
-    }
-    #[inline(always)]
-    fn doubled(self, [a, b, c, d]: [f32; 4]) -> f32x8 {
-        f32x8::new([a, a, b, b, c, c, d, d])
-    }
-    #[inline(always)]
-    fn products(self, a: [f32; 4], b: [f32; 4]) -> [f32; 4] {
-        std::array::from_fn(|n| a[n] * b[n])
     }
     #[inline(always)]
     fn both(self, low: [f32; 4], high: [f32; 4]) -> f32x8 {
@@ -187,19 +213,11 @@ impl Lanes for Plain {
         })
     }
     #[inline(always)]
-    fn sign_four(self, v: [f64; 4]) -> [f64; 4] {
-        v.map(|v| 1f64.copysign(v))
-    }
-    #[inline(always)]
     fn doubles(self, v: [f64; 4]) -> [f64; 4] {
         v
     }
     #[inline(always)]
     fn singles(self, v: [f64; 4]) -> [f32; 4] {
         v.map(|v| v as f32)
-    }
-    #[inline(always)]
-    fn integers(self, v: [f64; 4]) -> [i32; 4] {
-        v.map(|v| v as i32)
     }
 }

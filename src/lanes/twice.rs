@@ -47,6 +47,8 @@ pub trait Twice: Copy {
     fn wide_eight(self, v: Self::Row) -> Self::Eight;
     /// From two rows of doubles.
     fn eight(self, fours: [Self::Four; 2]) -> Self::Eight;
+    /// Eight points, by coordinate.
+    fn turned_eight(self, points: &[[f64; 3]; 8]) -> [Self::Eight; 3];
     /// The same double eight times.
     fn all_eight(self, v: f64) -> Self::Eight;
     /// a + b.
@@ -77,12 +79,8 @@ pub trait Twice: Copy {
     fn max_eight(self, a: Self::Eight, b: Self::Eight) -> Self::Eight;
     /// The greatest integers not above.
     fn floor_eight(self, v: Self::Eight) -> Self::Eight;
-    /// 1 or -1, with the sign.
-    fn sign_eight(self, v: Self::Eight) -> Self::Eight;
     /// In single precision.
     fn singles_eight(self, v: Self::Eight) -> Self::Row;
-    /// Of doubles that are integers.
-    fn integers_eight(self, v: Self::Eight) -> [i32; 8];
 }
 
 /// Two rows, one after the other.
@@ -169,6 +167,12 @@ impl<L: Lanes> Twice for Rows<L> {
         fours
     }
     #[inline(always)]
+    fn turned_eight(self, points: &[[f64; 3]; 8]) -> [[L::D; 2]; 3] {
+        let [a, b, c, d, e, f, g, h] = *points;
+        let (low, high) = (self.0.turned([a, b, c, d]), self.0.turned([e, f, g, h]));
+        [[low[0], high[0]], [low[1], high[1]], [low[2], high[2]]]
+    }
+    #[inline(always)]
     fn all_eight(self, v: f64) -> [L::D; 2] {
         [self.0.all_four(v); 2]
     }
@@ -229,16 +233,7 @@ impl<L: Lanes> Twice for Rows<L> {
         [self.0.floor_four(v[0]), self.0.floor_four(v[1])]
     }
     #[inline(always)]
-    fn sign_eight(self, v: [L::D; 2]) -> [L::D; 2] {
-        [self.0.sign_four(v[0]), self.0.sign_four(v[1])]
-    }
-    #[inline(always)]
     fn singles_eight(self, v: [L::D; 2]) -> L::F {
         self.0.both(self.0.singles(v[0]), self.0.singles(v[1]))
-    }
-    #[inline(always)]
-    fn integers_eight(self, v: [L::D; 2]) -> [i32; 8] {
-        let ([a, b, c, d], [e, f, g, h]) = (self.0.integers(v[0]), self.0.integers(v[1]));
-        [a, b, c, d, e, f, g, h]
     }
 }

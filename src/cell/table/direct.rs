@@ -8,10 +8,10 @@
 
 use super::super::Products;
 use super::super::products::Along;
-use super::spline::{GROUP, four};
+use super::spline::{GROUP, group};
 use super::{Function, Table};
 use crate::frame::CellPoint;
-use crate::lanes::{Lanes, Work};
+use crate::lanes::{Lanes, Twice, Work};
 use std::f32::consts::TAU;
 
 /// Most products that are taken instead of a look-up: up to six took less time, more were not tried
@@ -51,32 +51,21 @@ pub(super) struct Samples<'a>(
     pub &'a mut [[f32; 4]],
 );
 
-/// Parts of a period of four points, by axis, from -1/2 to 1/2.
-#[inline(always)]
-fn parts_of_four<L: Lanes>(l: L, points: [[f64; 3]; 4]) -> [[f32; 4]; 3] {
-    let half = l.all_four(0.5);
-    let turned = l.turned(points);
-    let mut parts = [[0.0; 4]; 3];
-    for a in 0..3 {
-        let whole = l.floor_four(l.add_four(turned[a], half));
-        parts[a] = l.singles(l.sub_four(turned[a], whole));
-    }
-    parts
-}
-
 /// The functions along each axis at a group of at most eight points.
 #[inline(always)]
 fn functions<L: Lanes>(l: L, products: &Products, points: &[CellPoint<3>]) -> [Along<L::F>; 3] {
-    let low = parts_of_four(l, four(points, 0));
-    let high = if points.len() > 4 {
-        parts_of_four(l, four(points, 4))
-    } else {
-        low
-    };
-    let x = products.along_of(l, l.both(low[0], high[0]));
-    let y = products.along_of(l, l.both(low[1], high[1]));
-    let z = products.along_of(l, l.both(low[2], high[2]));
-    [x, y, z]
+    let two = l.two();
+    let half = two.all_eight(0.5);
+    let [x, y, z] = two.turned_eight(&group(points));
+    // Parts of a period, from -1/2 to 1/2.
+    let x = two.sub_eight(x, two.floor_eight(two.add_eight(x, half)));
+    let y = two.sub_eight(y, two.floor_eight(two.add_eight(y, half)));
+    let z = two.sub_eight(z, two.floor_eight(two.add_eight(z, half)));
+    [
+        products.along_of(l, two.singles_eight(x)),
+        products.along_of(l, two.singles_eight(y)),
+        products.along_of(l, two.singles_eight(z)),
+    ]
 }
 
 impl Work for Values<'_> {

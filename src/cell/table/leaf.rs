@@ -3,14 +3,16 @@
 use super::build::Spectrum;
 use super::grid::Grid;
 use super::pyramid::Pyramid;
-use super::spline::Spline;
+use super::spline::{PLACING, Spline};
 use super::steepest::steepest_over;
 use crate::field::Interval;
 use crate::frame::{CellBox, CellPoint, Element, Mat3, Vec3};
 
-/// Single precision: what rounding adds to an interval, relative to the largest coefficient.
+/// Single precision: what rounded sums add to an interval, relative to the largest coefficient. Rounded
+/// places add to it by the slope.
 const ROUNDING: f64 = 3e-6;
-/// The same of a gradient, relative to the largest coefficient over the distance of samples.
+/// The same of a gradient, relative to the largest coefficient over the distance of samples; places, by
+/// twice the slope over the same, the greatest curvature of such a spline.
 const SLOPE_ROUNDING: f64 = 1e-5;
 
 /// A series as a spline. Where operators of its group do not keep the grid (those of order 3 about z,
@@ -20,6 +22,8 @@ pub(super) struct Leaf {
     pyramid: Pyramid,
     /// Bound of the gradient's length over the element.
     sup: f64,
+    /// What single precision adds to an interval and to a gradient.
+    rounding: [f64; 2],
     turns: Vec<Mat3>,
     planar: bool,
     /// |f| of the shortest wave; `None` if it is no sum of waves.
@@ -35,8 +39,13 @@ impl Leaf {
         let pyramid = Pyramid::new(&coefficients, &grid);
         let steepest = steepest_over(&coefficients, &grid, element, whole_group);
         let scale = grid.per_unit().into_iter().fold(0.0, f64::max);
+        let largest = f64::from(pyramid.largest());
+        let slope = f64::from(pyramid.query([0; 3], grid.samples).steepest);
+        let placing = PLACING * grid.periods.into_iter().fold(0.0, f64::max);
+        let slope_rounding = (SLOPE_ROUNDING * largest + 2.0 * placing * slope) * scale;
         Self {
-            sup: steepest * (1.0 + 1e-6) + SLOPE_ROUNDING * f64::from(pyramid.largest()) * scale,
+            sup: steepest * (1.0 + 1e-6) + slope_rounding,
+            rounding: [ROUNDING * largest + placing * slope, slope_rounding],
             pyramid,
             spline: Spline::new(&coefficients, grid, spectrum.fold),
             error: spectrum.error_bounds(&grid),
@@ -57,13 +66,12 @@ impl Leaf {
 
     /// Single precision's part of the error of a value.
     pub fn rounding(&self) -> f64 {
-        ROUNDING * f64::from(self.pyramid.largest())
+        self.rounding[0]
     }
 
     /// The same of a component of the gradient.
     pub fn slope_rounding(&self) -> f64 {
-        let scale = self.spline.grid().per_unit();
-        SLOPE_ROUNDING * f64::from(self.pyramid.largest()) * scale.into_iter().fold(0.0, f64::max)
+        self.rounding[1]
     }
 
     /// Bounds of the errors of a value and of a gradient's component, and of the gradient.

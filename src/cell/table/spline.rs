@@ -8,20 +8,18 @@
 //! j + 1, entries follow along z. A coefficient is there twice: once would take twice the loads, four
 //! times twice the memory, which is what look-ups wait for.
 //!
-//! Points are placed four at a time in double precision; the sums over rows of eight coefficients are
-//! in single. Written once and compiled twice, see [`crate::lanes`]. A point gives the same bits alone and
-//! among others.
-// Small functions of one hot path: a call each would cost as much as the work.
-#![allow(clippy::inline_always)]
+//! Points are placed eight at a time; the sums over rows of eight coefficients are in single precision.
+//! Written once and compiled for each kind of processor, see [`crate::lanes`]. A point gives the same bits
+//! alone and among others.
 
 mod place;
+mod sums;
+mod weights;
 
 use super::grid::{Fold, Grid};
-use super::weights::{CUBIC, SLOPES, Weights};
 use crate::frame::CellPoint;
-use crate::lanes::{self, Lanes, Plain, Twice, Work};
-use place::Places;
-pub(super) use place::four;
+use crate::lanes::{self, Lanes, Plain, Work};
+pub(super) use place::{PLACING, group};
 
 /// Points that are evaluated together.
 pub(super) const GROUP: usize = 8;
@@ -37,10 +35,12 @@ struct Axis {
     rate: f64,
     /// Whether the fold's period is centred about 0 and reversed to its upper half.
     is_halved: bool,
+    /// What is added before whole turns are counted.
+    ahead: f64,
     /// Samples per period of the fold.
-    samples: f64,
+    samples: f32,
     /// The last spline cell.
-    last: f64,
+    last: f32,
     /// Spline cells that are kept.
     cells: usize,
 }
@@ -55,14 +55,12 @@ pub(super) struct Spline {
     /// Turns along z for a turn along x or y.
     carry: f64,
     per_unit: [f32; 3],
-    /// Distance in the table of neighbours along each axis.
-    strides: [f64; 3],
-    /// Distance of the four planes along x from the first.
-    planes: [usize; 4],
-    /// From one half of a plane's coefficients to the other.
+    /// Distance in the table of neighbours along y and along z.
+    strides: [f32; 2],
+    /// From one plane of coefficients along x to the next.
+    plane: usize,
+    /// From one half of a point's coefficients in a plane to the other.
     half: usize,
-    /// Where the last coefficients of the first plane start.
-    last: f64,
     is_portable: bool,
 }
 
@@ -99,8 +97,9 @@ impl Spline {
             Axis {
                 rate: parts as f64 / grid.periods[a],
                 is_halved,
-                samples: samples as f64,
-                last: (cells - 1) as f64,
+                ahead: if is_halved { 0.5 } else { 0.0 },
+                samples: samples as f32,
+                last: (cells - 1) as f32,
                 cells,
             }
         });
@@ -116,19 +115,16 @@ impl Spline {
         }
         let row = nz * PAIR;
         let plane = ny * row;
-        let planes = [0, plane, 2 * plane, 3 * plane];
-        let half = PAIR * row;
         Self {
             grid,
-            last: (table.len() - planes[3] - half - HALF) as f64,
             table,
             axes,
             is_twofold: twofold,
             carry: if fold.centred { 0.5 } else { 0.0 },
             per_unit: grid.per_unit().map(|c| c as f32),
-            strides: [plane, row, PAIR].map(|s| s as f64),
-            planes,
-            half,
+            strides: [row, PAIR].map(|s| s as f32),
+            plane,
+            half: PAIR * row,
             is_portable: false,
         }
     }
@@ -144,140 +140,6 @@ impl Spline {
 
     pub fn bytes(&self) -> usize {
         size_of_val(self.table.as_slice())
-    }
-
-    /// The coefficients of plane `i` from a place in the table on, by halves.
-    #[inline(always)]
-    fn patch<L: Lanes>(&self, lanes: L, at: usize, i: usize) -> [L::F; 2] {
-        let from = at + self.planes[i];
-        let patch = &self.table[from..from + (self.half + HALF)];
-        let low = patch.first_chunk::<HALF>();
-        let high = patch[self.half..].first_chunk::<HALF>();
-        let none = &[0.0; HALF];
-        [
-            lanes.load(low.unwrap_or(none)),
-            lanes.load(high.unwrap_or(none)),
-        ]
-    }
-
-    /// Both halves, summed along x.
-    #[inline(always)]
-    fn along_x<L: Lanes>(&self, lanes: L, at: usize, w: [f32; 4]) -> [L::F; 2] {
-        let first = lanes.splat(w[0]);
-        let [low, high] = self.patch(lanes, at, 0);
-        let (mut a, mut b) = (lanes.mul(low, first), lanes.mul(high, first));
-        for i in 1..4 {
-            let weight = lanes.splat(w[i]);
-            let [low, high] = self.patch(lanes, at, i);
-            a = lanes.fused(low, weight, a);
-            b = lanes.fused(high, weight, b);
-        }
-        [a, b]
-    }
-
-    /// The same with two sets of weights: each plane is loaded once.
-    #[inline(always)]
-    fn both_along_x<L: Lanes>(&self, lanes: L, at: usize, w: [[f32; 4]; 2]) -> [[L::F; 2]; 2] {
-        let two = lanes.two();
-        let first = two.pair(self.patch(lanes, at, 0));
-        let mut sums = [
-            two.mul(first, two.each([w[0][0]; 2])),
-            two.mul(first, two.each([w[1][0]; 2])),
-        ];
-        for i in 1..4 {
-            let plane = two.pair(self.patch(lanes, at, i));
-            sums[0] = two.fused(plane, two.each([w[0][i]; 2]), sums[0]);
-            sums[1] = two.fused(plane, two.each([w[1][i]; 2]), sums[1]);
-        }
-        [two.rows(sums[0]), two.rows(sums[1])]
-    }
-
-    /// Eight shares of the value at point `n` of a group.
-    #[inline(always)]
-    fn row<L: Lanes>(&self, lanes: L, places: &Places, weights: &Weights, n: usize) -> L::F {
-        let at = places.at[n] as usize;
-        let [low, high] = self.along_x(lanes, at, weights.x(n));
-        let [y0, y1] = weights.y(lanes, n);
-        let sum = lanes.fused(low, y0, lanes.mul(high, y1));
-        lanes.mul(sum, weights.z(lanes, n))
-    }
-
-    /// Values at four points of a group, or at a single one.
-    #[inline(always)]
-    fn sums<L: Lanes>(
-        &self,
-        lanes: L,
-        (places, weights): (&Places, &Weights),
-        first: usize,
-        is_single: bool,
-    ) -> [f32; 4] {
-        let a = self.row(lanes, places, weights, first);
-        if is_single {
-            return lanes.sums([a, a, a, a]);
-        }
-        let b = self.row(lanes, places, weights, first + 1);
-        let c = self.row(lanes, places, weights, first + 2);
-        let d = self.row(lanes, places, weights, first + 3);
-        lanes.sums([a, b, c, d])
-    }
-
-    #[inline(always)]
-    fn values_by<L: Lanes>(&self, lanes: L, points: &[CellPoint<3>], out: &mut [f32]) {
-        for (points, out) in points.chunks(GROUP).zip(out.chunks_mut(GROUP)) {
-            let places = self.places(lanes, points);
-            let weights = Weights::new(lanes, &places.within, &CUBIC);
-            let group = (&places, &weights);
-            let low = self.sums(lanes, group, 0, out.len() == 1);
-            if let Some(out) = out.first_chunk_mut::<GROUP>() {
-                let high = self.sums(lanes, group, 4, false);
-                lanes.store(lanes.both(low, high), out);
-                continue;
-            }
-            let (first, rest) = out.split_at_mut(out.len().min(4));
-            first.copy_from_slice(&low[..first.len()]);
-            if !rest.is_empty() {
-                let high = self.sums(lanes, group, 4, rest.len() == 1);
-                rest.copy_from_slice(&high[..rest.len()]);
-            }
-        }
-    }
-
-    #[inline(always)]
-    fn samples_by<L: Lanes>(&self, lanes: L, points: &[CellPoint<3>], out: &mut [[f32; 4]]) {
-        for (points, out) in points.chunks(GROUP).zip(out.chunks_mut(GROUP)) {
-            let places = self.places(lanes, points);
-            let weights = Weights::new(lanes, &places.within, &CUBIC);
-            let slopes = Weights::new(lanes, &places.within, &SLOPES);
-            let scales = self.scales(lanes, &places);
-            for (n, out) in out.iter_mut().enumerate() {
-                let at = places.at[n] as usize;
-                let both = self.both_along_x(lanes, at, [weights.x(n), slopes.x(n)]);
-                let [[low, high], [steep_low, steep_high]] = both;
-                let (wz, dz) = (weights.z(lanes, n), slopes.z(lanes, n));
-                let ([y0, y1], [d0, d1]) = (weights.y(lanes, n), slopes.y(lanes, n));
-                let flat = lanes.fused(low, y0, lanes.mul(high, y1));
-                let steep = lanes.fused(steep_low, y0, lanes.mul(steep_high, y1));
-                let along = lanes.fused(low, d0, lanes.mul(high, d1));
-                let sums = lanes.sums([
-                    lanes.mul(flat, wz),
-                    lanes.mul(steep, wz),
-                    lanes.mul(along, wz),
-                    lanes.mul(flat, dz),
-                ]);
-                *out = lanes.products(sums, scales[n]);
-            }
-        }
-    }
-
-    /// What makes values and derivatives by spline cells, at the points of a group, those of the points.
-    #[inline(always)]
-    fn scales<L: Lanes>(&self, lanes: L, places: &Places) -> [[f32; 4]; GROUP] {
-        let mut scales = [lanes.splat(1.0); 4];
-        for a in 0..3 {
-            let signs = lanes.load(&places.signs[a]);
-            scales[a + 1] = lanes.mul(lanes.splat(self.per_unit[a]), signs);
-        }
-        lanes.by_place(scales)
     }
 
     /// Does a work on the lanes that the spline is for.

@@ -1,4 +1,7 @@
 //! Where points lie in a folded table, eight at a time.
+//!
+//! Which part of a period a point is in is found in double precision, the rest in single: a place is off
+//! by at most [`PLACING`] of a period.
 // Small functions of one hot path: a call each would cost as much as the work.
 #![allow(clippy::inline_always)]
 
@@ -6,78 +9,76 @@ use super::{GROUP, Spline};
 use crate::frame::CellPoint;
 use crate::lanes::{Lanes, Twice};
 
+/// How far rounding moves a place, in periods: a part of a period and its spline cells in single
+/// precision, half a unit of the last place each.
+pub(in super::super) const PLACING: f64 = 6e-8;
+
 /// Places of a group of points.
-pub(super) struct Places {
-    /// Where in the table the coefficients of the first plane start.
-    pub(super) at: [i32; GROUP],
+pub(super) struct Places<L: Lanes> {
+    /// The first plane of the coefficients around a point.
+    pub(super) plane: [i32; GROUP],
+    /// Where in a plane they start.
+    pub(super) start: [i32; GROUP],
     /// Place in the spline cell, by axis.
-    pub(super) within: [[f32; GROUP]; 3],
+    pub(super) within: [L::F; 3],
     /// 1, or -1 along axes that were reversed.
-    pub(super) signs: [[f32; GROUP]; 3],
+    pub(super) signs: [L::F; 3],
 }
 
-/// Four of some points; the last one again beyond their end.
+/// A group of at most eight points; beyond their end the last one again.
 #[inline(always)]
-pub(in super::super) fn four(points: &[CellPoint<3>], first: usize) -> [[f64; 3]; 4] {
+pub(in super::super) fn group(points: &[CellPoint<3>]) -> [[f64; 3]; GROUP] {
+    let mut all = [[0.0; 3]; GROUP];
+    if let Some(points) = points.first_chunk::<GROUP>() {
+        for (to, p) in all.iter_mut().zip(points) {
+            *to = p.0.into();
+        }
+        return all;
+    }
     let last = points.len() - 1;
-    [
-        points[first.min(last)].0.into(),
-        points[(first + 1).min(last)].0.into(),
-        points[(first + 2).min(last)].0.into(),
-        points[(first + 3).min(last)].0.into(),
-    ]
+    for (n, to) in all.iter_mut().enumerate() {
+        *to = points[n.min(last)].0.into();
+    }
+    all
 }
 
 impl Spline {
-    /// Places a group of at most eight points: beyond their end is the last one again.
+    /// Places a group of points.
     #[inline(always)]
-    pub(super) fn places<L: Lanes>(&self, lanes: L, points: &[CellPoint<3>]) -> Places {
+    pub(super) fn places<L: Lanes>(&self, lanes: L, points: &[[f64; 3]; GROUP]) -> Places<L> {
         let two = lanes.two();
-        let (low, high) = (lanes.turned(four(points, 0)), lanes.turned(four(points, 4)));
-        let one = two.all_eight(1.0);
+        let turned = two.turned_eight(points);
+        let (one, half) = (lanes.splat(1.0), lanes.splat(0.5));
         let mut turns = two.all_eight(0.0);
         let mut reversed = one;
-        let mut at = two.all_eight(0.0);
-        let (mut within, mut signs) = ([[0.0; GROUP]; 3], [[0.0; GROUP]; 3]);
+        let (mut cells, mut within, mut signs) = ([one; 3], [one; 3], [one; 3]);
         for a in 0..3 {
             let axis = &self.axes[a];
-            let x = two.eight([low[a], high[a]]);
-            let mut v = two.mul_eight(x, two.all_eight(axis.rate));
+            let mut v = two.mul_eight(turned[a], two.all_eight(axis.rate));
             if a == 2 {
                 v = two.sub_eight(v, two.mul_eight(turns, two.all_eight(self.carry)));
-                if self.is_twofold {
-                    v = two.mul_eight(v, reversed);
-                }
             }
-            let mut sign = one;
+            let whole = two.floor_eight(two.add_eight(v, two.all_eight(axis.ahead)));
+            turns = two.add_eight(turns, whole);
+            let mut v = two.singles_eight(two.sub_eight(v, whole));
             if axis.is_halved {
-                let whole = two.floor_eight(two.add_eight(v, two.all_eight(0.5)));
-                turns = two.add_eight(turns, whole);
-                v = two.sub_eight(v, whole);
-                sign = two.sign_eight(v);
-                v = two.mul_eight(v, sign);
-                reversed = two.mul_eight(reversed, sign);
-            } else {
-                let whole = two.floor_eight(v);
-                turns = two.add_eight(turns, whole);
-                v = two.sub_eight(v, whole);
-                if a == 2 && self.is_twofold {
-                    sign = reversed;
-                }
+                signs[a] = lanes.sign(v);
+                v = lanes.mul(v, signs[a]);
+                reversed = lanes.mul(reversed, signs[a]);
+            } else if a == 2 && self.is_twofold {
+                signs[a] = reversed;
+                v = lanes.fused(lanes.sub(v, half), reversed, half);
             }
-            let u = two.mul_eight(v, two.all_eight(axis.samples));
-            let cell = two.min_eight(two.floor_eight(u), two.all_eight(axis.last));
-            let stride = two.all_eight(self.strides[a]);
-            at = two.add_eight(at, two.mul_eight(cell, stride));
-            let inside = two.singles_eight(two.sub_eight(u, cell));
-            lanes.store(inside, &mut within[a]);
-            lanes.store(two.singles_eight(sign), &mut signs[a]);
+            let samples = lanes.splat(axis.samples);
+            let cell = lanes.floor(lanes.mul(v, samples));
+            cells[a] = lanes.min(cell, lanes.splat(axis.last));
+            within[a] = lanes.fused(v, samples, lanes.sub(lanes.splat(0.0), cells[a]));
         }
-        // What is no number lies anywhere in the table.
-        at = two.min_eight(at, two.all_eight(self.last));
-        at = two.max_eight(at, two.all_eight(0.0));
+        let start = lanes.mul(cells[2], lanes.splat(self.strides[1]));
+        let start = lanes.fused(cells[1], lanes.splat(self.strides[0]), start);
         Places {
-            at: two.integers_eight(at),
+            plane: lanes.integers(cells[0]),
+            start: lanes.integers(start),
             within,
             signs,
         }
