@@ -7,6 +7,7 @@ when a client that is installed fails; clients that are missing are named, with 
 has pyvista and usd-core.
 """
 
+import concurrent.futures
 import json
 import os
 import re
@@ -18,21 +19,32 @@ import zipfile
 
 HERE = os.path.dirname(os.path.abspath(__file__))
 MILLIMETRES = {"um": 1e-3, "mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4, "ft": 304.8}
+workers = concurrent.futures.ThreadPoolExecutor(os.cpu_count())
 rows, failed = [], []
 
 
 def row(client, what, package, *command, expect=None):
-    """Runs a client; its exit code and, if asked for, a pattern in what it prints decide."""
-    if shutil.which(command[0]) is None:
-        rows.append((client, what, f"not installed ({package})"))
-        return
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    text = done.stdout + done.stderr
-    good = done.returncode == 0 and (expect is None or re.search(expect, text))
-    rows.append((client, what, "reads it" if good else "FAILS"))
-    if not good:
+    """Runs a client beside others; its exit code and, if asked for, a pattern in what it prints decide."""
+
+    def verdict():
+        if shutil.which(command[0]) is None:
+            return f"not installed ({package})"
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        text = done.stdout + done.stderr
+        if done.returncode == 0 and (expect is None or re.search(expect, text)):
+            return "reads it"
         failed.append(client)
         print(f"{client}: exit code {done.returncode}\n{text[-2000:]}", file=sys.stderr)
+        return "FAILS"
+
+    rows.append((client, what, workers.submit(verdict)))
+    return rows[-1][2]
+
+
+def known(client, what, verdict):
+    """A row that needs no client to be run."""
+    rows.append((client, what, concurrent.futures.Future()))
+    rows[-1][2].set_result(verdict)
 
 
 def volume_of_3mf(path):
@@ -61,8 +73,9 @@ def main():
     row("vdb_print", ".vdb", "libopenvdb-tools", "vdb_print", "-l", part, expect="level set")
     row("vdb_render", ".vdb", "libopenvdb-tools", "vdb_render", part, at("render.png"), "-res", "160x120")
     row("vdb_tool", ".vdb", "libopenvdb-tools", "vdb_tool", "-read", part, "-ls2mesh", "-write", at("tool.ply"))
-    row("pyopenvdb: grids to shade by", ".vdb", "python3-openvdb", python, os.path.join(HERE, "grids_pyopenvdb.py"),
+    shaded = row("pyopenvdb: grids to shade by", ".vdb", "python3-openvdb", python, os.path.join(HERE, "grids_pyopenvdb.py"),
         druse, work, expect="8 grids")
+    shaded.result()  # what the clients after it read
     row("Blender: grids to shade by", ".vdb", "blender", "blender", "-b", "--factory-startup", "-t", "2",
         "--python-exit-code", "3", "--python", os.path.join(HERE, "grids_blender.py"), "--",
         os.path.abspath(at("shaded.vdb")), "surface", "density", "cell_id", "element_id", "weight_b", "thickness", "uvw",
@@ -88,17 +101,17 @@ def main():
         subprocess.run([druse, "mesh", part, "-o", mesh, "-q"], check=True, stdout=subprocess.DEVNULL)
         if extension == "3mf":
             off = abs(volume_of_3mf(mesh) / solid - 1)
-            rows.append(("Python's zipfile and ElementTree", ".3mf", "reads it" if off < 0.005 else "FAILS"))
+            known("Python's zipfile and ElementTree", ".3mf", "reads it" if off < 0.005 else "FAILS")
             if off >= 0.005:
                 failed.append(f"3mf: off by {off}")
         elif viewer:
             row("pyvista", "." + extension, "PyPI pyvista", viewer, os.path.join(HERE, "mesh_pyvista.py"), mesh,
                 "--report", stated)
         else:
-            rows.append(("pyvista", "." + extension, "not installed (PyPI pyvista)"))
+            known("pyvista", "." + extension, "not installed (PyPI pyvista)")
     width = max(len(r[0]) for r in rows)
     for client, what, verdict in rows:
-        print(f"{client:{width}}  {what:5}  {verdict}")
+        print(f"{client:{width}}  {what:5}  {verdict.result()}")
     sys.exit(f"failed: {', '.join(failed)}" if failed else 0)
 
 

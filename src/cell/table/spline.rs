@@ -18,8 +18,9 @@ mod weights;
 
 use super::grid::{Fold, Grid};
 use crate::frame::CellPoint;
-use crate::lanes::{self, Lanes, Plain, Work};
+use crate::lanes::{self, Plain, Work};
 pub(super) use place::{PLACING, group};
+use sums::{Samples, Values};
 
 /// Points that are evaluated together.
 pub(super) const GROUP: usize = 8;
@@ -62,26 +63,6 @@ pub(super) struct Spline {
     /// From one half of a point's coefficients in a plane to the other.
     half: usize,
     is_portable: bool,
-}
-
-struct Values<'a>(&'a Spline, &'a [CellPoint<3>], &'a mut [f32]);
-
-impl Work for Values<'_> {
-    type Output = ();
-    #[inline(always)]
-    fn run<L: Lanes>(self, lanes: L) {
-        self.0.values_by(lanes, self.1, self.2);
-    }
-}
-
-struct Samples<'a>(&'a Spline, &'a [CellPoint<3>], &'a mut [[f32; 4]]);
-
-impl Work for Samples<'_> {
-    type Output = ();
-    #[inline(always)]
-    fn run<L: Lanes>(self, lanes: L) {
-        self.0.samples_by(lanes, self.1, self.2);
-    }
 }
 
 impl Spline {

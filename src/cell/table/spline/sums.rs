@@ -10,10 +10,37 @@ use super::place::{Places, group};
 use super::weights::{CUBIC, SLOPES, Weights};
 use super::{GROUP, HALF, Spline};
 use crate::frame::CellPoint;
-use crate::lanes::Lanes;
+use crate::lanes::{Lanes, Work};
 
-/// Groups of points that are placed before their sums are taken.
-const GROUPS: usize = 8;
+/// Groups of points that are placed before their sums are taken: the fewest that are left in memory. Room
+/// for more would take longer to clear, when few points are asked for, than it gains when many are.
+const GROUPS: usize = 2;
+
+/// Values at points, into a slice of the same length.
+pub(super) struct Values<'a>(pub &'a Spline, pub &'a [CellPoint<3>], pub &'a mut [f32]);
+
+impl Work for Values<'_> {
+    type Output = ();
+    #[inline(always)]
+    fn run<L: Lanes>(self, lanes: L) {
+        self.0.values_by(lanes, self.1, self.2);
+    }
+}
+
+/// Values and gradients (per unit of reference length) at points, into a slice of the same length.
+pub(super) struct Samples<'a>(
+    pub &'a Spline,
+    pub &'a [CellPoint<3>],
+    pub &'a mut [[f32; 4]],
+);
+
+impl Work for Samples<'_> {
+    type Output = ();
+    #[inline(always)]
+    fn run<L: Lanes>(self, lanes: L) {
+        self.0.samples_by(lanes, self.1, self.2);
+    }
+}
 
 /// A group of points: where their coefficients are, and the weights of these.
 #[derive(Clone, Copy, Default)]
@@ -161,10 +188,8 @@ impl Spline {
         ]
     }
 
-    /// Values at points, into `out` of the same length.
     #[inline(always)]
     pub(super) fn values_by<L: Lanes>(&self, lanes: L, points: &[CellPoint<3>], out: &mut [f32]) {
-        // Room for many groups would take a single point longer to clear than its value.
         if points.len() <= GROUP {
             self.values_in::<L, 1>(lanes, points, out);
         } else {
@@ -201,7 +226,6 @@ impl Spline {
         }
     }
 
-    /// Values and gradients at points, into `out` of the same length.
     #[inline(always)]
     pub(super) fn samples_by<L: Lanes>(
         &self,
