@@ -6,6 +6,9 @@
 use super::{Lanes, Rows};
 use wide::f32x8;
 
+/// Doubles from here on are integers: 2^52.
+const WHOLE: f64 = 4_503_599_627_370_496.0;
+
 /// Any processor.
 #[derive(Clone, Copy)]
 pub struct Plain;
@@ -209,7 +212,9 @@ impl Lanes for Plain {
     fn floor_four(self, v: [f64; 4]) -> [f64; 4] {
         v.map(|v| {
             let cut = v as i64 as f64;
-            cut - f64::from(u8::from(cut > v))
+            let floor = cut - f64::from(u8::from(cut > v));
+            // Further on they are soon none of the processor's integers.
+            if v.abs() < WHOLE { floor } else { v }
         })
     }
     #[inline(always)]

@@ -289,4 +289,58 @@ mod tests {
             }
         }
     }
+
+    #[test]
+    fn points_anywhere_are_looked_up_in_the_table() {
+        let grid = Grid {
+            samples: [12, 8, 20],
+            periods: [2.0, 2.0, 2.0],
+        };
+        let noise = |[i, j, k]: [i64; 3]| ((i * 31 + j * 17 + k * k) as f32 * 0.618).sin();
+        let coefficients = padded(grid, noise);
+        let bound = coefficients.iter().fold(0f32, |m, c| m.max(c.abs()));
+        // Ends of periods and what rounds to them, both zeros, and what no cell has.
+        let below = |v: f64| f64::from_bits(v.to_bits() - 1);
+        let finite = [0.0, 1.0, 2.0, below(1.0), below(2.0), 1e-300, 1e9, 1e300];
+        let none = [f64::NAN, f64::INFINITY];
+        let along: Vec<f64> = finite
+            .into_iter()
+            .chain(none)
+            .flat_map(|v| [v, -v])
+            .collect();
+        let mut all = Vec::new();
+        for &x in &along {
+            for &y in &along {
+                all.extend(along.iter().map(|&z| CellPoint(Vec3::new(x, y, z))));
+            }
+        }
+        let folds = [
+            Fold::default(),
+            Fold {
+                mirrored: [true; 3],
+                ..Fold::default()
+            },
+            Fold {
+                twofold: true,
+                centred: true,
+                ..Fold::default()
+            },
+        ];
+        for fold in folds {
+            let spline = Spline::new(&coefficients, grid, fold);
+            for code in [Code::Portable, Code::Avx2, Code::Best] {
+                let mut values = vec![0.0; all.len()];
+                lanes::run_by(code, Values(&spline, &all, &mut values));
+                let mut samples = vec![[0.0; 4]; all.len()];
+                lanes::run_by(code, Samples(&spline, &all, &mut samples));
+                for ((p, v), s) in all.iter().zip(values).zip(samples) {
+                    // A point that is none has no value, or one of the table's.
+                    assert!(v.is_nan() || v.abs() <= 1.001 * bound, "{fold:?} {p:?} {v}");
+                    if p.0.iter().all(|x| x.is_finite()) {
+                        assert!((v - s[0]).abs() <= 1e-5 * bound, "{fold:?} {p:?} {v} {s:?}");
+                    }
+                }
+            }
+        }
+    }
 }

@@ -48,7 +48,7 @@ impl Spline {
     pub(super) fn places<L: Lanes>(&self, lanes: L, points: &[[f64; 3]; GROUP]) -> Places<L> {
         let two = lanes.two();
         let turned = two.turned_eight(points);
-        let (one, half) = (lanes.splat(1.0), lanes.splat(0.5));
+        let (zero, half, one) = (lanes.splat(0.0), lanes.splat(0.5), lanes.splat(1.0));
         let mut turns = two.all_eight(0.0);
         let mut reversed = one;
         let (mut cells, mut within, mut signs) = ([one; 3], [one; 3], [one; 3]);
@@ -70,9 +70,10 @@ impl Spline {
                 v = lanes.fused(lanes.sub(v, half), reversed, half);
             }
             let samples = lanes.splat(axis.samples);
-            let cell = lanes.floor(lanes.mul(v, samples));
-            cells[a] = lanes.min(cell, lanes.splat(axis.last));
-            within[a] = lanes.fused(v, samples, lanes.sub(lanes.splat(0.0), cells[a]));
+            // What is no number lies in any cell.
+            let cell = lanes.min(lanes.floor(lanes.mul(v, samples)), lanes.splat(axis.last));
+            cells[a] = lanes.max(cell, zero);
+            within[a] = lanes.fused(v, samples, lanes.sub(zero, cells[a]));
         }
         let start = lanes.mul(cells[2], lanes.splat(self.strides[1]));
         let start = lanes.fused(cells[1], lanes.splat(self.strides[0]), start);
