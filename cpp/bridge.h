@@ -167,6 +167,7 @@ void grid_offset(Grid&, double offset, Smoothing how, const Host&);
 void grid_renormalise(Grid&, Smoothing how, const Host&);
 
 // shape.cc: widths of bands, varying offsets, masks, blends, fillets
+void grid_set_background(Grid&, float background, const Host&);
 void grid_resize(Grid&, int voxels, Smoothing how, const Host&);
 void grid_vary(Grid&, double offset, const Grid& by, Range range, Smoothing how, const Host&);
 void grid_mix(Grid&, const Grid& before, const Grid& by, Range range, Smoothing how, const Host&);

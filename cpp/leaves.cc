@@ -1,6 +1,7 @@
 // What a tree holds: leaves in order of origin without a copy, tiles, single values, interpolated samples.
 #include "impl.h"
 
+#include <openvdb/tools/Dense.h>
 #include <openvdb/tools/Interpolation.h>
 #include <openvdb/tools/Prune.h>
 
@@ -157,13 +158,39 @@ void grid_values(const Grid& handle, rust::Slice<const std::int32_t> voxels, rus
     values[n] = access.getValue(Coord(voxels[3 * n], voxels[3 * n + 1], voxels[3 * n + 2]));
 }
 
+namespace {
+
+// Whether the voxels around so many points are few enough that to copy them all takes less than to look for those of
+// each point.
+bool is_worth_copying(const CoordBBox& around, std::size_t points) {
+  constexpr std::size_t kEach = 64, kFewest = 8;
+  constexpr int kEdge = 1024;
+  if (points < kFewest || around.empty() || around.dim()[around.maxExtent()] > kEdge) return false;
+  return around.volume() <= kEach * points;
+}
+
+}  // namespace
+
 void grid_samples(const Grid& handle, rust::Slice<const double> points, bool quadratic, rust::Slice<float> values) {
   if (points.size() != 3 * values.size()) throw std::invalid_argument("points and values disagree in number");
   const auto& grid = floats(handle);
-  auto access = grid.getConstAccessor();
-  for (std::size_t n = 0; n < values.size(); ++n) {
-    const Vec3d index = grid.worldToIndex(Vec3d(points[3 * n], points[3 * n + 1], points[3 * n + 2]));
-    values[n] = quadratic ? tools::QuadraticSampler::sample(access, index) : tools::BoxSampler::sample(access, index);
+  std::vector<Vec3d> at(values.size());
+  CoordBBox around;
+  for (std::size_t n = 0; n < at.size(); ++n) {
+    at[n] = grid.worldToIndex(Vec3d(points[3 * n], points[3 * n + 1], points[3 * n + 2]));
+    around.expand(Coord::floor(at[n]));
+  }
+  const auto sample = [&](const auto& voxels) {
+    for (std::size_t n = 0; n < at.size(); ++n)
+      values[n] = quadratic ? tools::QuadraticSampler::sample(voxels, at[n]) : tools::BoxSampler::sample(voxels, at[n]);
+  };
+  if (is_worth_copying(around, at.size())) {
+    around.expand(2);
+    tools::Dense<float> voxels(around);
+    tools::copyToDense(grid.tree(), voxels, /*serial=*/true);
+    sample(voxels);
+  } else {
+    sample(grid.getConstAccessor());
   }
 }
 

@@ -1,6 +1,7 @@
 // Operations that OpenVDB 10 has no tool for: bands of other widths, offsets that vary, masks, blended union, fillets.
 #include "impl.h"
 
+#include <openvdb/tools/ChangeBackground.h>
 #include <openvdb/tools/Composite.h>
 #include <openvdb/tools/Interpolation.h>
 #include <openvdb/tools/LevelSetFilter.h>
@@ -67,6 +68,10 @@ class Places {
 };
 
 }  // namespace
+
+void grid_set_background(Grid& handle, float background, const Host& host) {
+  in_arena(host, [&] { tools::changeLevelSetBackground(floats(handle).tree(), background); });
+}
 
 void grid_resize(Grid& handle, int voxels, Smoothing how, const Host& host) {
   ThrowingInterrupter interrupter(host);

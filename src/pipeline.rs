@@ -55,6 +55,7 @@ mod stock;
 mod usda;
 mod varying;
 mod volumes;
+mod voxels;
 mod wall;
 
 pub use bricks::{BrickPlan, brick_plan, make_bricks, merge_bricks};

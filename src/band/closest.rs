@@ -54,6 +54,19 @@ pub struct MovedLeaf {
     pub values: [f32; VOXELS],
 }
 
+impl MovedLeaf {
+    /// Takes back what the leaf held before of distances nearer than its background (world units).
+    pub fn keep(&mut self, before: &LeafRef<'_>, background: f32) {
+        let near = background * (1.0 - 1e-5);
+        for (n, v) in before.values.iter().enumerate() {
+            if before.mask[n >> 6] >> (n & 63) & 1 == 1 && v.abs() < near {
+                self.values[n] = *v;
+                self.mask[n >> 6] |= 1 << (n & 63);
+            }
+        }
+    }
+}
+
 impl SurfacePoints {
     /// Whether a band of so many voxels on each side is wide enough.
     pub fn suffices(half_width: f64) -> bool {
@@ -106,6 +119,12 @@ impl SurfacePoints {
             surface.leaves.push((origin, range));
         }
         surface
+    }
+
+    /// The same points, for a band of another background (world units).
+    #[must_use]
+    pub fn with_background(self, background: f32) -> Self {
+        Self { background, ..self }
     }
 
     /// Farthest that a point can matter, voxels, when the surface is moved by `by` world units.

@@ -13,8 +13,12 @@ use super::operate::{self, Bench};
 use super::report::SolidReport;
 use super::shape::Shape;
 use super::stock::Stock;
+use super::voxels::Voxels;
 use super::{Clock, Parts, RunOptions, Targets};
-use crate::band::{BLOCK, BandStats, LeafBatch, LeafFileHead, LeafFileWriter, LeafSink, LeafStore};
+use crate::band::{
+    BLOCK, BandStats, LEAF, LeafBatch, LeafFileHead, LeafFileWriter, LeafSink, LeafStore, Region,
+    VOXELS,
+};
 use crate::frame::Coord;
 use crate::io::WriteError;
 use crate::io::atomic::{AtomicFile, remove_abandoned};
@@ -35,7 +39,11 @@ mod meshes;
 mod numbers;
 mod plan;
 mod reach;
+mod refusal;
+mod resample;
+mod solid;
 mod volumes;
+mod voxels;
 mod walls;
 
 pub use farm::{brick_plan, make_bricks, merge_bricks};
@@ -45,7 +53,9 @@ use budget::{check_disk, edge_that_fits, leaf_bytes};
 use directory::{Lock, clear, directory_beside, existing, make_directory, size_of};
 use gather::gather;
 use plan::layout;
-use reach::{Pass, passes, reach, refusal, widest};
+use reach::{Pass, before_resampling, passes, reach, widest};
+use refusal::refusal;
+use solid::Bricks;
 
 /// The plan's name among the bricks of a run.
 const PLAN: &str = "plan.json";
@@ -65,6 +75,13 @@ impl Progress for Quiet<'_> {
     }
 }
 
+/// What the first pass is made from.
+enum Begun<'a> {
+    Field(Shape<'a>),
+    /// A file's level set as it is.
+    File(&'a LevelSet),
+}
+
 /// The bricks of a run on disk.
 struct Yard<'a> {
     pub stock: &'a Stock<'a>,
@@ -72,6 +89,8 @@ struct Yard<'a> {
     /// The plan's.
     digest: [u8; 32],
     pub passes: Vec<Pass>,
+    /// The plan's bricks, in which the first pass is made.
+    pub first: Bricks,
     /// Where the leaf files are.
     pub directory: PathBuf,
     pub threads: &'a Threads,
@@ -89,18 +108,17 @@ impl<'a> Yard<'a> {
         Self {
             stock,
             digest: plan.digest(),
+            first: Bricks::of_plan(&plan, Voxels::first(stock)),
             plan,
-            passes: passes(stock.recipe, stock.pointwise()),
+            passes: passes(stock),
             directory,
             threads,
             progress,
         }
     }
 
-    /// The leaf file of a brick after a pass, and what it begins with.
-    pub fn file(&self, pass: usize, brick: usize) -> (PathBuf, LeafFileHead) {
-        let recipe = self.stock.recipe;
-        let background = recipe.sections().band.half_width.0 * recipe.scale().voxel_size;
+    /// The leaf file of one of the bricks after a pass, and what it begins with.
+    pub fn file(&self, pass: usize, bricks: &Bricks, brick: usize) -> (PathBuf, LeafFileHead) {
         let mut digest = self.digest;
         let mut name = format!("brick-{brick:06}.leaves");
         if pass > 0 {
@@ -111,15 +129,17 @@ impl<'a> Yard<'a> {
         let head = LeafFileHead {
             plan: digest,
             brick: brick as u64,
-            background: background as f32,
+            background: bricks.background(),
         };
         (self.directory.join(name), head)
     }
 
     /// Bricks whose first pass is there.
     fn whole(&self) -> usize {
-        let bricks = 0..self.plan.bricks.len();
-        bricks.filter(|&n| self.file(0, n).0.exists()).count()
+        let bricks = 0..self.first.len();
+        bricks
+            .filter(|&n| self.file(0, &self.first, n).0.exists())
+            .count()
     }
 
     /// A wish to stop as what it is: bricks that are there stay.
@@ -130,7 +150,7 @@ impl<'a> Yard<'a> {
         }
         RunError::Stopped {
             made,
-            count: self.plan.bricks.len(),
+            count: self.first.len(),
             directory: self.directory.clone(),
         }
     }
@@ -138,13 +158,21 @@ impl<'a> Yard<'a> {
     /// Makes some bricks of the first pass, skipping those that are there and whole; gives the
     /// sampling's counts and how many were skipped.
     pub fn make(&self, bricks: std::ops::Range<usize>) -> Result<(BandStats, usize), RunError> {
-        let bench = Bench::new(self.stock.recipe, self.threads, self.progress);
-        let shape = super::shape::shape(self.stock, bench.scale)?;
+        let begun = match self.stock.volumes.start() {
+            Some(solid) => Begun::File(solid),
+            None => Begun::Field(super::shape::shape(self.stock, self.first.voxels.scale)?),
+        };
         self.stock.begin_visits();
         let (mut stats, mut skipped) = (BandStats::default(), 0);
         self.progress.stage("bricks", Some(bricks.len() as u64));
         for brick in bricks {
-            let made = self.make_file(0, brick, |writer| self.sample(brick, &shape, writer))?;
+            let made = self.make_file((0, &self.first), brick, |writer| match &begun {
+                Begun::Field(shape) => self.sample(brick, shape, writer),
+                Begun::File(solid) => {
+                    crop(solid, Coord([0; 3]), self.first.region(brick), writer)?;
+                    Ok(BandStats::default())
+                }
+            })?;
             match made {
                 Some(counts) => stats += counts,
                 None => skipped += 1,
@@ -157,11 +185,11 @@ impl<'a> Yard<'a> {
     /// Makes the leaf file of a brick, whole or not at all; nothing is done where it is there.
     fn make_file<T>(
         &self,
-        pass: usize,
+        (pass, bricks): (usize, &Bricks),
         brick: usize,
         fill: impl FnOnce(&LeafFileWriter<AtomicFile>) -> Result<T, RunError>,
     ) -> Result<Option<T>, RunError> {
-        let (path, head) = self.file(pass, brick);
+        let (path, head) = self.file(pass, bricks, brick);
         if LeafStore::check(&path, &head).is_ok() {
             return Ok(None);
         }
@@ -179,9 +207,9 @@ impl<'a> Yard<'a> {
         shape: &Shape,
         writer: &LeafFileWriter<AtomicFile>,
     ) -> Result<BandStats, RunError> {
-        let region = self.plan.region(brick);
+        let region = self.first.region(brick);
         let quiet = Quiet(self.progress);
-        let mut bench = Bench::new(self.stock.recipe, self.threads, &quiet);
+        let mut bench = self.first.bench(self, &quiet);
         let pass = &self.passes[0];
         if pass.ops.is_empty() {
             let band = bench.band(shape)?;
@@ -217,22 +245,32 @@ fn operate_on(
 fn crop(
     solid: &LevelSet,
     first: Coord,
-    region: crate::band::Region,
+    region: Region,
+    sink: &dyn LeafSink,
+) -> Result<(), RunError> {
+    let leaves = solid.leaves().map_err(RunError::level_set("bricks"))?;
+    let own = leaves.iter().filter_map(|leaf| {
+        let origin = leaf.origin.offset(first[0], first[1], first[2]);
+        let is_own = region.meets(origin, LEAF) && leaf.any_active();
+        is_own.then_some((origin, leaf.mask, leaf.values))
+    });
+    hand_over(own, sink)
+}
+
+/// Hands leaves, in order of origin, to a sink block by block.
+fn hand_over<'a>(
+    leaves: impl Iterator<Item = (Coord, [u64; 8], &'a [f32; VOXELS])>,
     sink: &dyn LeafSink,
 ) -> Result<(), RunError> {
     let failed = |e: crate::band::SinkError| RunError::band("bricks")(e.into());
     let mut blocks: BTreeMap<Coord, LeafBatch> = BTreeMap::new();
-    let leaves = solid.leaves().map_err(RunError::level_set("bricks"))?;
-    for leaf in leaves.iter() {
-        let origin = leaf.origin.offset(first[0], first[1], first[2]);
-        if region.meets(origin, 8) && leaf.any_active() {
-            let block = origin.aligned(128);
-            let batch = blocks.entry(block).or_default();
-            batch.push(origin, leaf.mask, leaf.values);
-            if batch.len() == BATCH {
-                sink.block(block, batch).map_err(failed)?;
-                batch.clear();
-            }
+    for (origin, mask, values) in leaves {
+        let block = origin.aligned(BLOCK);
+        let batch = blocks.entry(block).or_default();
+        batch.push(origin, mask, values);
+        if batch.len() == BATCH {
+            sink.block(block, batch).map_err(failed)?;
+            batch.clear();
         }
     }
     for (block, batch) in blocks.into_iter().filter(|(_, b)| !b.is_empty()) {
@@ -306,8 +344,7 @@ pub(super) fn decide(
 
 /// Bytes that the files of a plan's bricks take until the outputs are written.
 pub(super) fn brick_bytes(stock: &Stock, plan: &BrickPlan) -> u64 {
-    let passes = passes(stock.recipe, stock.pointwise());
-    budget::brick_bytes(stock, passes.len(), plan.leaf_bytes)
+    budget::brick_bytes(stock, plan.leaf_bytes)
 }
 
 /// A whole run through bricks. They are kept beside the outputs until all is written: a run that was
@@ -331,7 +368,7 @@ pub(super) fn run(
         remove_abandoned(path, clock.began);
     }
     let yard = Yard::new(stock, plan, directory, threads, clock.progress);
-    let bricks = budget::brick_bytes(stock, yard.passes.len(), yard.plan.leaf_bytes);
+    let bricks = budget::brick_bytes(stock, yard.plan.leaf_bytes);
     let all = bricks.saturating_add(estimate::disk(stock, threads, yard.plan.leaf_bytes));
     let there = size_of(&yard.directory);
     let checked = check_disk(&yard.directory, all.saturating_sub(there));
@@ -353,7 +390,7 @@ fn whole_run(
     (targets, is_brief): (&Targets, bool),
     clock: &mut Clock,
 ) -> Result<Parts, RunError> {
-    let (stats, whole) = yard.make(0..yard.plan.bricks.len())?;
+    let (stats, whole) = yard.make(0..yard.first.len())?;
     clock.lap("bricks")?;
     let mut parts = gather(yard, None, (targets, is_brief), clock)?;
     parts.band.active_voxels_sampled = stats.active_voxels;
@@ -386,19 +423,8 @@ fn lay_out(
             stock, threads, counts, budget, reason,
         ));
     }
-    if stock.volumes.start().is_some() {
-        let reason =
-            "op.0.union reads a level set on the recipe's own voxels, which is whole in memory";
-        return Err(estimate::shortage_error(
-            stock,
-            threads,
-            counts,
-            budget,
-            reason.into(),
-        ));
-    }
-    let passes = passes(stock.recipe, stock.pointwise());
-    let (halo, reach) = (widest(&passes), reach(&passes));
+    let passes = passes(stock);
+    let (halo, reach) = (widest(&passes), reach(before_resampling(&passes)));
     let fitting = match halo {
         0 => i32::MAX,
         _ => (LARGEST_PART - 2 * halo).max(0) / BLOCK,
@@ -421,7 +447,7 @@ fn lay_out(
             fitting,
         });
     }
-    let edge = edge_that_fits(stock, threads, counts, halo, (budget, edge))?.min(fitting);
+    let edge = edge_that_fits(stock, threads, counts, (budget, edge))?.min(fitting);
     Ok(Layout { edge, halo, reach })
 }
 

@@ -11,12 +11,19 @@ use super::memory;
 use super::offsets::{Offsets, foretold};
 use super::shape::shape_with;
 use super::stock::Stock;
+use super::voxels::Voxels;
 use crate::band::{Band, Sampling};
 use crate::frame::Transform;
 use crate::progress::{Progress, Threads};
-use crate::recipe::{GridWord, Op, Output, OutputKind, Scale};
+use crate::recipe::{GridWord, Op, OutputKind, Scale};
 use serde::Serialize;
-use std::path::Path;
+
+mod costs;
+
+pub(super) use costs::numbers_at_vertices;
+use costs::{
+    cost, grids_in_memory, grids_on_disk, pixels, point_in_memory, point_in_spool, point_on_disk,
+};
 
 /// Predicted needs of a run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
@@ -169,13 +176,24 @@ pub(super) fn disk(stock: &Stock, threads: &Threads, leaf_bytes: u64) -> u64 {
 
 /// Extra copies of the tree that the greediest operation makes.
 pub(super) fn copies(stock: &Stock) -> f64 {
-    let ops = &stock.recipe.sections().op[stock.pointwise()..];
-    let copies = ops.iter().map(|op| cost(op, stock.recipe.scale()).0);
-    copies.fold(0.0, f64::max)
+    // What resampling takes depends on its portions.
+    let ops = later(stock).filter(|(op, _)| !matches!(op, Op::Resample(_)));
+    ops.map(|(op, on)| cost(op, on).0).fold(0.0, f64::max)
 }
 
 /// Counts with the recipe's voxels, from samplings whose box spans at most `most` voxels.
 fn sample(
+    stock: &Stock,
+    threads: &Threads,
+    progress: &dyn Progress,
+    most: f64,
+) -> Result<Counts, RunError> {
+    let counts = sampled(stock, threads, progress, most)?;
+    Ok(on_other_voxels(stock, counts))
+}
+
+/// The same before any operation puts the solid on other voxels.
+fn sampled(
     stock: &Stock,
     threads: &Threads,
     progress: &dyn Progress,
@@ -219,6 +237,46 @@ fn sample(
         points: finest.points * 4f64.powi(level),
         ..finest
     })
+}
+
+/// Counts after operations that put the solid on other voxels.
+fn on_other_voxels(stock: &Stock, counts: Counts) -> Counts {
+    let mut now = counts;
+    for (op, on) in later(stock) {
+        let Op::Resample(op) = op else {
+            continue;
+        };
+        let way = on.resampled(op);
+        let finer = way.factor().powi(-2);
+        let leaves = now.leaves * way.leaves();
+        now = Counts {
+            leaves,
+            most: now.most.max(leaves),
+            active: now.active * finer * way.to.half_width / way.from.half_width,
+            points: now.points * finer,
+            blocks: now.blocks * finer.max(1.0),
+            ..now
+        };
+    }
+    now
+}
+
+/// The operations that are done on the level set, and the voxels that it lies on before each.
+fn later<'a>(stock: &'a Stock) -> impl Iterator<Item = (&'a Op, Voxels)> {
+    let mut voxels = Voxels::first(stock);
+    let ops = stock.recipe.sections().op.iter();
+    ops.skip(stock.pointwise()).map(move |op| {
+        let on = voxels;
+        if let Op::Resample(resample) = op {
+            voxels = on.resampled(resample).to;
+        }
+        (op, on)
+    })
+}
+
+/// What copies on voxels of twice, four times ... the edge have of a solid's leaves.
+pub(super) fn share_of_copies(levels: u8) -> f64 {
+    (1..=i32::from(levels)).map(|n| 4f64.powi(-n)).sum()
 }
 
 /// Counts with voxels of 2^level times the recipe's edge.
@@ -292,8 +350,12 @@ fn predict(stock: &Stock, threads: &Threads, c: &Counts) -> Estimate {
     let (mut peak, mut left) = (tree, 0.0);
     let mut seconds = c.leaves_touched * c.seconds_per_leaf / threads.count() as f64;
     let speed = 2.0 / threads.count() as f64;
-    for op in &sections.op[stock.pointwise()..] {
-        let (copies, ns) = cost(op, stock.recipe.scale());
+    let mut on_last = Voxels::first(stock);
+    for (op, on) in later(stock) {
+        if let Op::Resample(resample) = op {
+            on_last = on.resampled(resample).to;
+        }
+        let (copies, ns) = cost(op, on);
         peak = peak.max(tree * (1.0 + copies));
         // Half of what a filter has used stays with the allocator.
         left = f64::max(left, 0.5 * copies * tree);
@@ -309,7 +371,11 @@ fn predict(stock: &Stock, threads: &Threads, c: &Counts) -> Estimate {
     for output in &sections.output {
         for (kind, path) in output.named() {
             disk += match kind {
-                OutputKind::Vdb => grids_on_disk(&super::output::words(stock.recipe, output), c),
+                OutputKind::Vdb => {
+                    let words = super::output::words(stock.recipe, output);
+                    let copies = share_of_copies(output.lod.unwrap_or(0));
+                    grids_on_disk(&words, c) + copies * grids_on_disk(&[GridWord::Surface], c)
+                }
                 OutputKind::Mesh => points * point_on_disk(output, path),
                 OutputKind::Picture => 0.25 * pixels(output),
                 OutputKind::Report => 4e3,
@@ -318,7 +384,11 @@ fn predict(stock: &Stock, threads: &Threads, c: &Counts) -> Estimate {
             let own = match kind {
                 OutputKind::Vdb => {
                     let words = super::output::words(stock.recipe, output);
-                    tree + grids_in_memory(&words, c)
+                    // Copies are made from a wider one, each from the one before.
+                    let copies = output.lod.map_or(0.0, |levels| {
+                        on_last.coarser().growth() + share_of_copies(levels)
+                    });
+                    tree * (1.0 + copies) + grids_in_memory(&words, c)
                 }
                 OutputKind::Mesh => points * point_in_memory(output),
                 OutputKind::Picture => pixels(output) * PIXEL_BYTES,
@@ -343,75 +413,6 @@ fn predict(stock: &Stock, threads: &Threads, c: &Counts) -> Estimate {
     }
 }
 
-/// Bytes of a point of an output's mesh, beside the mesh that a run has anyway: another mesh, and numbers
-/// by point and by word.
-fn point_in_memory(output: &Output) -> f64 {
-    let mesh = if output.is_meshed_by_openvdb() || output.decimate.is_some() {
-        125.0
-    } else if output.project {
-        50.0
-    } else {
-        0.0
-    };
-    mesh + 8.0 * numbers_at_vertices(output) as f64
-}
-
-/// How many numbers an output's mesh has at each vertex.
-pub(super) fn numbers_at_vertices(output: &Output) -> usize {
-    let words = output.grids.as_deref().unwrap_or_default();
-    words.iter().map(GridWord::components).sum()
-}
-
-/// Bytes of a point of a mesh in a file; there are twice as many triangles.
-fn point_on_disk(output: &Output, path: &Path) -> f64 {
-    let numbers = 4.0 * numbers_at_vertices(output) as f64;
-    match path.extension().and_then(|e| e.to_str()) {
-        Some("ply") => 38.0 + numbers,
-        Some("obj") => 80.0,
-        Some("3mf") => 21.0,
-        _ => 100.0,
-    }
-}
-
-/// Bytes of what is kept of a mesh beside its file while bricks pass, for each point; of binary STL
-/// nothing is.
-fn point_in_spool(output: &Output, path: &Path) -> f64 {
-    if path.extension().is_some_and(|e| e == "stl") || output.beams {
-        return 0.0;
-    }
-    48.0 + 4.0 * numbers_at_vertices(output) as f64
-}
-
-/// Bytes of grids in a file: masks twice, and a little more for each leaf; floats of which blosc saves an
-/// eighth, more where neighbours are equal. Fog has the inner half of the band.
-fn grids_on_disk(words: &[GridWord], c: &Counts) -> f64 {
-    let masks = 153.0 * c.leaves;
-    let surface = masks + 3.5 * c.active;
-    let bytes = words.iter().map(|word| match word {
-        GridWord::Surface | GridWord::Thickness => surface,
-        GridWord::Density => 0.6 * surface,
-        GridWord::CellId | GridWord::ElementId => masks + 0.4 * c.active,
-        GridWord::Weight(_) => masks + c.active,
-        GridWord::Uvw | GridWord::Fold => masks + 7.0 * c.active,
-    });
-    bytes.sum()
-}
-
-/// Memory of the grids of a file beside the surface: fog from a copy; numbers as rows of all words, those
-/// of one, and in leaves.
-fn grids_in_memory(words: &[GridWord], c: &Counts) -> f64 {
-    let numbers = words.iter().filter(|w| w.is_attribute());
-    let components: usize = numbers.map(GridWord::components).sum();
-    let fog = f64::from(u8::from(words.contains(&GridWord::Density)));
-    let trees = fog + components as f64;
-    let rows = if components > 0 {
-        4.0 * (components as f64 + 3.0) * c.active
-    } else {
-        0.0
-    };
-    trees * c.leaves * LEAF_BYTES + rows
-}
-
 /// Memory of the largest picture of a run, bytes.
 pub(super) fn picture_bytes(stock: &Stock) -> f64 {
     let outputs = stock.recipe.sections().output.iter();
@@ -419,38 +420,4 @@ pub(super) fn picture_bytes(stock: &Stock) -> f64 {
     pictures
         .map(|o| pixels(o) * PIXEL_BYTES)
         .fold(0.0, f64::max)
-}
-
-fn pixels(output: &Output) -> f64 {
-    let size = output.size.unwrap_or_default();
-    f64::from(size.0) * f64::from(size.1)
-}
-
-/// Extra copies of the tree and nanoseconds per active voxel (2 threads) of an operation.
-fn cost(op: &Op, scale: Scale) -> (f64, f64) {
-    let voxels = |size: &crate::recipe::Size| size.resolve(scale) / scale.voxel_size;
-    let steps = |size: &crate::recipe::Size| (2.0 * voxels(size)).max(1.0);
-    // The own filter works between two buffers, the leaves that tracking adds included.
-    let is_own = op.mask().is_none() && !op.is_precise();
-    match op {
-        Op::Gaussian(k) if is_own => (2.2, 80.0 * f64::from(k.iterations.0)),
-        Op::Mean(k) if is_own => (2.2, 20.0 * f64::from(k.iterations.0)),
-        Op::Laplacian(f) if is_own => (2.2, 20.0 * f64::from(f.iterations.0)),
-        Op::Intersect(_) | Op::Union(_) | Op::Subtract(_) => (1.0, 100.0),
-        Op::Blend(b) => (4.0 + voxels(&b.radius), 500.0 * voxels(&b.radius).max(1.0)),
-        Op::Dilate(d) | Op::Erode(d) => (1.0, 200.0 * steps(&d.distance)),
-        Op::Open(d) | Op::Close(d) => (1.0, 400.0 * steps(&d.distance)),
-        Op::Hollow(h) => (2.0, 200.0 * steps(&h.thickness)),
-        Op::Fillet(f) => (2.0, 400.0 * steps(&f.radius)),
-        Op::Resample(_) => (2.0, 2000.0),
-        Op::Trim(_) | Op::Prune(_) => (0.2, 20.0),
-        Op::Fog(_) => (1.0, 20.0),
-        Op::Gaussian(k) => (2.8, 1150.0 * f64::from(k.iterations.0)),
-        Op::Mean(k) => (1.0, 290.0 * f64::from(k.iterations.0)),
-        Op::Median(k) => (1.0, 550.0 * f64::from(k.iterations.0)),
-        Op::Laplacian(f) => (1.0, 240.0 * f64::from(f.iterations.0)),
-        Op::Curvature(f) => (1.0, 320.0 * f64::from(f.iterations.0)),
-        Op::Renormalise(r) => (1.0, 50.0 * f64::from(r.iterations.0)),
-        Op::KeepLargest(_) | Op::DropSmall(_) | Op::FillVoids(_) => (1.2, 100.0),
-    }
 }

@@ -26,7 +26,7 @@ use super::stock::Stock;
 use crate::band::{Band, SurfacePoints};
 use crate::frame::{Transform, WorldPoint};
 use crate::progress::{Progress, Threads};
-use crate::recipe::{Op, Operand, Recipe, Side};
+use crate::recipe::{Op, Operand, Side};
 use rayon::prelude::*;
 
 /// Greatest root mean square of the error at the foot, voxels.
@@ -124,10 +124,14 @@ pub(super) fn offsets(
     let mut is_field = !is_file && !ops[..first].iter().any(from_files);
     let mut done = Offsets::default();
     let mut told = Vec::new();
+    let mut half_width = stock.recipe.sections().band.half_width.0;
     for (n, op) in ops.iter().enumerate().skip(first) {
         let next = done.with(op, scale).filter(|_| is_field);
         is_field = next.is_some();
-        let (mut way, mut error_voxels, mut why) = later(op, stock.recipe, is_file);
+        let (mut way, mut error_voxels, mut why) = later(op, half_width, is_file);
+        if let Op::Resample(resample) = op {
+            half_width = resample.half_width.map_or(half_width, |w| w.0);
+        }
         if let Some(next) = next {
             error_voxels = foot_error(stock, next, threads, progress)?;
             is_field = error_voxels.is_some_and(|e| e <= LIMIT);
@@ -163,8 +167,8 @@ fn is_move(op: &Op) -> bool {
 }
 
 /// How an operation that moves the surface of a level set does so, and why.
-fn later(op: &Op, recipe: &Recipe, is_file: bool) -> (Way, Option<f64>, &'static str) {
-    if is_by_points(op, recipe) && !is_file {
+fn later(op: &Op, half_width: f64, is_file: bool) -> (Way, Option<f64>, &'static str) {
+    if is_by_points(op, half_width) && !is_file {
         (Way::Points, None, "the solid is a level set by then")
     } else {
         let why = "the level set is a file's, or there is a mask, precise, or a band of less than 3 voxels";
@@ -172,10 +176,9 @@ fn later(op: &Op, recipe: &Recipe, is_file: bool) -> (Way, Option<f64>, &'static
     }
 }
 
-/// Whether an operation moves the surface of a level set by distances from points of it, unless the level
-/// set is a file's.
-pub(super) fn is_by_points(op: &Op, recipe: &Recipe) -> bool {
-    let half_width = recipe.sections().band.half_width.0;
+/// Whether an operation moves the surface of a level set of this half width (voxels) by distances from
+/// points of it, unless the level set is a file's.
+pub(super) fn is_by_points(op: &Op, half_width: f64) -> bool {
     let is_masked = op.mask().is_some() && matches!(op, Op::Dilate(_) | Op::Erode(_));
     is_move(op) && !is_masked && !op.is_precise() && SurfacePoints::suffices(half_width)
 }

@@ -277,7 +277,7 @@ fn resample(
     if let Some(size) = op.voxel_size {
         bench.scale.voxel_size = size.resolve(bench.scale);
     }
-    bench.half_width = op.half_width.map_or(solid.half_width(), |w| w.0);
+    bench.half_width = op.half_width.map_or(bench.half_width, |w| w.0);
     *solid = solid
         .resampled(bench.transform()?, bench.half_width, placement, session)
         .map_err(failed)?;

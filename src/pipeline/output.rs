@@ -223,29 +223,34 @@ fn numbered(path: &Path, n: usize) -> PathBuf {
     path.with_file_name(name)
 }
 
-/// Copies on coarser voxels.
+/// What a copy on voxels of 2^level times the edge is called.
+pub(super) fn name_of_coarser(level: usize) -> String {
+    format!("surface_lod_{level}")
+}
+
+/// Copies on coarser voxels, each made from the one before.
 fn coarser(
     bench: Bench,
     done: Finished,
     output: &Output,
 ) -> Result<Vec<(String, LevelSet)>, RunError> {
-    let mut copies = Vec::new();
-    for level in 1..=i32::from(output.lod.unwrap_or(0)) {
+    let mut copies: Vec<(String, LevelSet)> = Vec::new();
+    for level in 1..=usize::from(output.lod.unwrap_or(0)) {
         let stage = format!("lod {level}");
         bench.progress.stage(&stage, None);
-        let voxel = done.solid.voxel_size() * 2f64.powi(level);
+        let finer = copies.last().map_or(done.solid, |(_, solid)| solid);
+        let voxel = 2.0 * finer.voxel_size();
         let transform = Transform::new(voxel)
             .ok_or_else(|| RunError::Empty(format!("a voxel size of {voxel}")))?;
-        let copy = done
-            .solid
+        let copy = finer
             .resampled(
                 transform,
-                done.solid.half_width(),
+                finer.half_width(),
                 Placement::NONE,
                 bench.session(),
             )
             .map_err(RunError::level_set(&stage))?;
-        copies.push((format!("surface_lod_{level}"), copy));
+        copies.push((name_of_coarser(level), copy));
     }
     Ok(copies)
 }

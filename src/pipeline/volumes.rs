@@ -7,7 +7,7 @@ use crate::frame::{Aabb, LengthUnit, Mat3, Vec3, WorldPoint};
 use crate::progress::{Progress, Threads};
 use crate::recipe::{FileFrame, Grid, Mask, Op, Operand, Recipe, Scale, Similarity};
 use crate::vdb::isolate::Program;
-use crate::vdb::{FileError, LevelSet, Placement, Sampled, Session, Volume};
+use crate::vdb::{FileError, LevelSet, Placement, Sampled, Session, Tools, Volume};
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -30,7 +30,7 @@ impl Volumes {
     ) -> Result<Self, RunError> {
         let recipe = inputs.recipe;
         let mut found = Self::default();
-        let session = Session::new(threads, progress);
+        let session = Session::new(threads, progress).with_tools(Tools::OpenVdb);
         for (n, op) in recipe.sections().op.iter().enumerate() {
             let key = format!("op.{n}");
             if let Some(mask) = op.mask() {

@@ -249,6 +249,12 @@ mod bridge {
             host: &Host<'_>,
         ) -> Result<()>;
         fn grid_renormalise(grid: Pin<&mut Grid>, how: Smoothing, host: &Host<'_>) -> Result<()>;
+        /// Gives all voxels without a distance another background (world units, positive).
+        fn grid_set_background(
+            grid: Pin<&mut Grid>,
+            background: f32,
+            host: &Host<'_>,
+        ) -> Result<()>;
         /// Widens the band by so many voxels on each side, or narrows it (negative).
         fn grid_resize(
             grid: Pin<&mut Grid>,

@@ -1,4 +1,5 @@
-//! Moving the surface by this crate's own hands: distances rebuilt from points of the surface.
+//! Moving the surface, and widening its band, by this crate's own hands: distances rebuilt from points of
+//! the surface.
 
 use super::smooth::{leaf_of, put};
 use super::{LevelSet, Scheme, Session, Tools, VdbError, ffi};
@@ -18,6 +19,19 @@ impl LevelSet {
             && SurfacePoints::suffices(self.half_width)
     }
 
+    /// Makes the band `voxels` wider on each side, at once. Values within the old one stay.
+    pub(super) fn widen_by_points(
+        &mut self,
+        voxels: u32,
+        session: Session<'_>,
+    ) -> Result<(), VdbError> {
+        let half_width = self.half_width + f64::from(voxels);
+        let background = (half_width * self.voxel_size()) as f32;
+        self.rebuild("widening the band", (0.0, background), session)?;
+        self.half_width = half_width;
+        Ok(())
+    }
+
     /// Moves the surface outwards (inwards if negative) by so many world units, at once.
     pub(super) fn move_by_points(
         &mut self,
@@ -26,6 +40,17 @@ impl LevelSet {
         session: Session<'_>,
     ) -> Result<(), VdbError> {
         let background = self.background() as f32;
+        self.rebuild(doing, (outwards, background), session)
+    }
+
+    /// Rebuilds the distances from the surface moved so far outwards, up to another background.
+    fn rebuild(
+        &mut self,
+        doing: &'static str,
+        (outwards, background): (f64, f32),
+        session: Session<'_>,
+    ) -> Result<(), VdbError> {
+        let is_wider = background > self.background() as f32;
         let moved = session
             .threads
             .install(|| self.moved(outwards, background, session));
@@ -38,10 +63,12 @@ impl LevelSet {
             }
         };
         self.change(doing, session, |mut grid, host| {
-            for batch in &moved {
-                put(grid.as_mut(), batch)?;
+            if is_wider {
+                ffi::grid_set_background(grid.as_mut(), background, host)?;
             }
-            drop(moved);
+            for batch in moved {
+                put(grid.as_mut(), &batch)?;
+            }
             ffi::grid_prune(grid, host)
         })
     }
@@ -56,7 +83,10 @@ impl LevelSet {
         let leaves = self.leaves()?;
         let own: Vec<Coord> = leaves.iter().map(|l| l.origin).collect();
         let leaf = |n: usize| leaf_of(&leaves, n);
-        let surface = SurfacePoints::new(leaves.len(), leaf, self.voxel_size(), background);
+        let own_background = self.background() as f32;
+        let surface = SurfacePoints::new(leaves.len(), leaf, self.voxel_size(), own_background)
+            .with_background(background);
+        let stays = background > own_background;
         let mut all = surface.leaves_within(outwards);
         let there = |origin: &Coord| own.binary_search(origin);
         let new: Vec<Coord> = all.iter().filter(|o| there(o).is_err()).copied().collect();
@@ -73,7 +103,10 @@ impl LevelSet {
                 },
                 |n| leaf(n).inside(),
             );
-            let moved = surface.moved(origin, &inside, outwards);
+            let mut moved = surface.moved(origin, &inside, outwards);
+            if let Some(n) = own.filter(|_| stays) {
+                moved.keep(&leaf(n), own_background);
+            }
             let is_same = moved.mask == [0; 8] && (moved.values[0] < 0.0) == (inside[0] & 1 == 1);
             if own.is_some() || !is_same {
                 batch.push(origin, moved.mask, &moved.values);

@@ -33,8 +33,19 @@ impl Placement {
         self.turn.tr_mul(&(p - self.shift)) / self.scale
     }
 
+    /// The placement that leads back.
+    #[must_use]
+    pub fn inverted(&self) -> Self {
+        Self {
+            scale: 1.0 / self.scale,
+            turn: self.turn.transpose(),
+            shift: self.inverse(Vec3::zeros()),
+        }
+    }
+
     /// The box around the image of a box.
-    fn image(&self, b: Aabb) -> Aabb {
+    #[must_use]
+    pub fn image(&self, b: Aabb) -> Aabb {
         let centre = self.turn * b.centre().0 * self.scale + self.shift;
         let half = self.turn.abs() * b.size() * (self.scale / 2.0);
         Aabb {
@@ -185,12 +196,7 @@ impl Field for Sampled {
     fn bound(&self, region: &Aabb) -> Interval {
         let h = self.level_set.voxel_size();
         let w = self.level_set.background() * self.placement.scale * f64::from(FAR) * 2.0;
-        let inside = Placement {
-            scale: 1.0 / self.placement.scale,
-            turn: self.placement.turn.transpose(),
-            shift: self.placement.inverse(Vec3::zeros()),
-        }
-        .image(*region);
+        let inside = self.placement.inverted().image(*region);
         // Parabolas reach two voxels beyond the cell they lie in.
         let index = |v: f64| v.clamp(-1e9, 1e9) as i32;
         let origin = self.level_set.origin();

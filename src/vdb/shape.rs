@@ -48,7 +48,7 @@ pub enum WallSide {
     Both,
 }
 
-/// How bands are made wider: the values of the new voxels must be distances.
+/// How OpenVDB makes bands wider: the values of the new voxels must be distances.
 fn widening() -> Smoothing {
     Smoothing {
         width: 1,
@@ -59,11 +59,15 @@ fn widening() -> Smoothing {
 }
 
 impl LevelSet {
-    /// Makes the band `voxels` wider on each side, without moving the surface.
+    /// Makes the band `voxels` wider on each side, without moving the surface: at once by points of the
+    /// surface, or, with OpenVDB's tools, ring by ring.
     ///
     /// # Errors
     /// [`VdbError::Cancelled`], or what OpenVDB refuses (memory).
     pub fn widen(&mut self, voxels: u32, session: Session<'_>) -> Result<(), VdbError> {
+        if voxels > 0 && self.moves_by_points(session) {
+            return self.widen_by_points(voxels, session);
+        }
         self.resize(i64::from(voxels), session)
     }
 

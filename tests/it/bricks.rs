@@ -18,6 +18,8 @@ mod pieces;
 mod runs;
 #[cfg(feature = "vdb")]
 mod stops;
+#[cfg(feature = "vdb")]
+mod voxels;
 
 fn head(brick: u64) -> LeafFileHead {
     LeafFileHead {

@@ -4,7 +4,9 @@ use super::super::error::RunError;
 use super::super::estimate::{self, Counts, LEAF_BYTES, copies, numbers_at_vertices};
 use super::super::memory;
 use super::super::stock::Stock;
+use super::reach::{coarser_copies, passes, resamplings, widest};
 use super::volumes::attribute_words;
+use crate::band::BLOCK;
 use crate::progress::Threads;
 use crate::recipe::GridWord;
 use std::path::Path;
@@ -34,13 +36,9 @@ const MORE: f64 = 1.2;
 const FULL: f64 = 4096.0;
 
 /// Memory that a run in bricks of `edge` blocks takes, bytes.
-pub(crate) fn needs(
-    stock: &Stock,
-    threads: &Threads,
-    counts: &Counts,
-    halo: i32,
-    edge: u32,
-) -> u64 {
+pub(crate) fn needs(stock: &Stock, threads: &Threads, counts: &Counts, edge: u32) -> u64 {
+    let passes = passes(stock);
+    let halo = widest(&passes);
     let base = memory::resident() as f64
         + ASIDE
         + PER_THREAD * threads.count() as f64
@@ -49,12 +47,19 @@ pub(crate) fn needs(
     let blocks = counts.blocks.min(counts.volume).max(1.0);
     let density = (CROWDED * counts.most / blocks).min(FULL);
     let most = MORE * counts.most;
-    let leaves = |halo: f64| (density * (f64::from(edge) + 2.0 * halo / 128.0).powi(3)).min(most);
+    let in_cube = |blocks: f64| (density * blocks.powi(3)).min(most);
+    let leaves = |halo: f64| in_cube(f64::from(edge) + 2.0 * halo / 128.0);
     let operated = if halo > 0 {
         leaves(f64::from(halo)) * LEAF_BYTES * (1.0 + copies(stock))
     } else {
         0.0
     };
+    // Resampling: what is resampled at once, and its wider band as leaves and in the tree.
+    let resampled = resamplings(stock, &passes).into_iter().map(|way| {
+        let from = in_cube(way.span(edge) / f64::from(BLOCK));
+        from * LEAF_BYTES * (1.0 + 2.0 * way.growth())
+    });
+    let resampled = resampled.fold(0.0, f64::max);
     // Meshing: the leaves with a layer around them, and their points.
     let points = 0.25 * counts.active / counts.leaves.max(1.0);
     let numbers = 4.0 * most_at_vertices(stock) as f64;
@@ -78,7 +83,11 @@ pub(crate) fn needs(
     let rows = ROW * components.sum::<usize>() as f64;
     let written = density * LEAF_BYTES * 2.0 * widest as f64 + rows;
     let placed = PER_NUMBERS * words.len() as f64 * counts.blocks;
-    let greatest = operated.max(meshed).max(seen).max(written + placed);
+    let greatest = operated
+        .max(resampled)
+        .max(meshed)
+        .max(seen)
+        .max(written + placed);
     (base + chosen + greatest) as u64
 }
 
@@ -97,10 +106,9 @@ pub(crate) fn edge_that_fits(
     stock: &Stock,
     threads: &Threads,
     counts: &Counts,
-    halo: i32,
     (budget, asked): (u64, Option<u32>),
 ) -> Result<u32, RunError> {
-    let cost = |edge: u32| needs(stock, threads, counts, halo, edge);
+    let cost = |edge: u32| needs(stock, threads, counts, edge);
     let fits = |most: u32| (1..=most).rev().find(|&edge| cost(edge) <= budget);
     match asked {
         Some(edge) if cost(edge) <= budget => Ok(edge),
@@ -122,12 +130,15 @@ pub(crate) fn leaf_bytes(counts: &Counts) -> f64 {
     4.0 * counts.active + 66.0 * counts.leaves
 }
 
-/// Bytes of the files of all bricks: leaves after each pass, and the numbers that go with them.
-pub(crate) fn brick_bytes(stock: &Stock, passes: usize, leaf_bytes: u64) -> u64 {
+/// Bytes of the files of all bricks: leaves after each pass and of coarser copies, and the numbers that go
+/// with them.
+pub(crate) fn brick_bytes(stock: &Stock, leaf_bytes: u64) -> u64 {
     let words = attribute_words(stock.recipe);
     let components: usize = words.iter().map(GridWord::components).sum();
     // Of a leaf file all but a few bytes are its voxels'.
-    leaf_bytes.saturating_mul((passes + components) as u64)
+    let copies = estimate::share_of_copies(coarser_copies(stock.recipe));
+    let whole = (passes(stock).len() + components) as f64;
+    (leaf_bytes as f64 * (whole + copies)) as u64
 }
 
 /// Refuses a merge for whose bricks or outputs their disks, or the one that has both, have no room.

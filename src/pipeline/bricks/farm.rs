@@ -99,7 +99,7 @@ pub fn merge_bricks(
     let out = options.out.clone().or(planned);
     let outputs = targets(&stock, out.as_deref())?;
     clock.lap("inputs")?;
-    let bricks = brick_bytes(&stock, yard.passes.len(), yard.plan.leaf_bytes);
+    let bricks = brick_bytes(&stock, yard.plan.leaf_bytes);
     let later = bricks.saturating_sub(size_of(&yard.directory));
     let files = estimate::disk(&stock, &threads, yard.plan.leaf_bytes);
     let place = outputs.files.first().and_then(|(_, path)| path.parent());

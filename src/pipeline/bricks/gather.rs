@@ -1,7 +1,6 @@
 //! From leaf files to the files of a run, without the tree in memory.
 
 use super::super::error::RunError;
-use super::super::operate::Bench;
 use super::super::report::{BandReport, BricksReport, OutputFile, SolidReport};
 use super::super::{Clock, Parts, Targets, output};
 use super::Yard;
@@ -20,32 +19,31 @@ pub(super) fn gather(
     (targets, is_brief): (&Targets, bool),
     clock: &mut Clock,
 ) -> Result<Parts, RunError> {
-    let count = yard.plan.bricks.len();
-    let mut solid = SolidReport::default();
-    let store = yard.finished(plan, &mut solid, clock)?;
+    let mut report = SolidReport::default();
+    let solid = yard.finished(plan, &mut report, clock)?;
     let recipe = yard.stock.recipe;
-    let bench = Bench::new(recipe, yard.threads, yard.progress);
-    let pieces = stored_components(&store, bench.scale.voxel_size, bench.session())?;
+    let bench = solid.bricks.bench(yard, yard.progress);
+    let pieces = stored_components(&solid.store, bench.scale.voxel_size, bench.session())?;
     clock.lap("pieces")?;
-    let mut meshes = Meshes::create(yard, targets)?;
-    let found = measure(yard, &store, &mut meshes)?;
+    let mut meshes = Meshes::create(yard, &solid.bricks, targets)?;
+    let found = measure(yard, &solid, &mut meshes)?;
     let mut meshes = meshes.commit()?;
     clock.lap("mesh")?;
     let wall = if is_brief {
         None
     } else {
-        let wall = least_wall(yard, &store)?;
+        let wall = least_wall(yard, &solid)?;
         clock.lap("walls")?;
         wall
     };
-    let volumes = Volumes::new(yard, &store, found.frame)?;
-    if volumes.are_shaded() {
+    let volumes = Volumes::new(yard, &solid, found.frame)?;
+    if volumes.are_many() {
         clock.lap("grids")?;
     }
     let mut outputs = Vec::new();
     for (output, path) in &targets.files {
         if output.picture.is_some() {
-            picture(yard, &store, (output, path), found.frame)?;
+            picture(yard, &solid, (output, path), found.frame)?;
             outputs.push(output::listed(path, None)?);
             clock.lap("picture")?;
             continue;
@@ -66,8 +64,8 @@ pub(super) fn gather(
         band: BandReport {
             voxel_size: bench.scale.voxel_size,
             half_width: bench.half_width,
-            active_voxels: store.active_voxels(),
-            leaves: store.leaves(),
+            active_voxels: solid.store.active_voxels(),
+            leaves: solid.store.leaves(),
             ..BandReport::default()
         },
         solid: SolidReport {
@@ -80,10 +78,10 @@ pub(super) fn gather(
             components: pieces.len() as u64,
             least_wall: wall.map(|w| w.thickness),
             least_wall_place: wall.map(|w| w.place.into()),
-            ..solid
+            ..report
         },
         bricks: Some(BricksReport {
-            count: count as u64,
+            count: yard.first.len() as u64,
             edge: yard.plan.edge,
             halo: yard.plan.halo,
             found_whole: 0,

@@ -5,7 +5,8 @@ use super::super::Clock;
 use super::super::error::RunError;
 use super::super::operate::Bench;
 use super::super::report::SolidReport;
-use super::reach::Pass;
+use super::reach::{Does, Pass, before_resampling};
+use super::solid::{Bricks, StoredSolid};
 use super::{Quiet, Yard, crop, operate_on};
 use crate::band::{
     LeafFileError, LeafFileHead, LeafSink, LeafStore, Region, SinkError, StoreError,
@@ -15,7 +16,7 @@ use crate::vdb::{FileError, LevelSet, LevelSetBuilder, StoredRemoval, Unwanted, 
 use std::path::{Path, PathBuf};
 
 /// The leaf file of each brick.
-type Files = Vec<(PathBuf, LeafFileHead)>;
+pub(super) type Files = Vec<(PathBuf, LeafFileHead)>;
 
 impl Yard<'_> {
     /// Opens the bricks of the first pass and makes all others: the solid. `plan` is the plan's file,
@@ -25,37 +26,49 @@ impl Yard<'_> {
         plan: Option<&Path>,
         report: &mut SolidReport,
         clock: &mut Clock,
-    ) -> Result<LeafStore, RunError> {
+    ) -> Result<StoredSolid, RunError> {
         let ops = &self.stock.recipe.sections().op;
-        let mut files: Files = (0..self.plan.bricks.len())
-            .map(|n| self.file(0, n))
-            .collect();
-        let mut store = self.open(plan, &files, self.passes[0].ops.end)?;
+        let mut files = self.files(0, &self.first);
+        let mut solid = StoredSolid {
+            store: self.open(plan, &files, self.passes[0].ops.end)?,
+            bricks: self.first.clone(),
+        };
         clock.lap("check")?;
         for (number, pass) in self.passes.iter().enumerate().skip(1) {
-            let changed = match pass.unwanted {
-                Some(unwanted) => self.remove(number, unwanted, &store, report)?,
-                None => self.operate(number, &store)?,
+            let changed = match &pass.does {
+                Does::Operations => self.operate(number, &solid)?,
+                Does::Removal(unwanted) => self.remove(number, *unwanted, &solid, report)?,
+                Does::Resampling(way) => {
+                    let after = &self.passes[number + 1..];
+                    let bricks = self.bricks_after(way, before_resampling(after), &solid)?;
+                    self.resample(number, way, &solid, &bricks)?;
+                    files = self.files(number, &bricks);
+                    solid.bricks = bricks;
+                    (0..files.len()).collect()
+                }
             };
             for &brick in &changed {
-                files[brick] = self.file(number, brick);
+                files[brick] = self.file(number, &solid.bricks, brick);
             }
             if !changed.is_empty() {
-                store = self.open(plan, &files, pass.ops.end)?;
+                solid.store = self.open(plan, &files, pass.ops.end)?;
             }
             let last = pass.ops.end - 1;
             clock.lap(&format!("op.{last}.{}", ops[last].name()))?;
         }
-        Ok(store)
+        Ok(solid)
+    }
+
+    /// The leaf files of bricks after a pass.
+    pub fn files(&self, pass: usize, bricks: &Bricks) -> Files {
+        (0..bricks.len())
+            .map(|n| self.file(pass, bricks, n))
+            .collect()
     }
 
     /// Opens leaf files that hold the solid after so many operations.
     fn open(&self, plan: Option<&Path>, files: &Files, ops: usize) -> Result<LeafStore, RunError> {
-        let store = LeafStore::open(files.clone(), self.threads, self.progress);
-        let store = store.map_err(|e| match e {
-            StoreError::Unfit(faults) => unfit(self, plan, &faults),
-            e => RunError::File(FileError::from(e)),
-        })?;
+        let store = self.store(plan, files)?;
         if store.leaves() == 0 {
             return Err(RunError::Empty(match ops {
                 0 => "sampling".into(),
@@ -65,52 +78,63 @@ impl Yard<'_> {
         Ok(store)
     }
 
+    /// Opens leaf files.
+    pub fn store(&self, plan: Option<&Path>, files: &Files) -> Result<LeafStore, RunError> {
+        let store = LeafStore::open(files.clone(), self.threads, self.progress);
+        store.map_err(|e| match e {
+            StoreError::Unfit(faults) => unfit(self, plan, &faults),
+            e => RunError::File(FileError::from(e)),
+        })
+    }
+
     /// Removes pieces of the whole from all bricks that have some near; says which.
     fn remove(
         &self,
         number: usize,
         unwanted: Unwanted,
-        store: &LeafStore,
+        solid: &StoredSolid,
         report: &mut SolidReport,
     ) -> Result<Vec<usize>, RunError> {
-        let bench = Bench::new(self.stock.recipe, self.threads, self.progress);
-        let session = bench.session();
-        let removal = StoredRemoval::choose(store, unwanted, bench.scale.voxel_size, session)?;
+        let bricks = &solid.bricks;
+        let bench = bricks.bench(self, self.progress);
+        let (voxel_size, session) = (bench.scale.voxel_size, bench.session());
+        let removal = StoredRemoval::choose(&solid.store, unwanted, voxel_size, session)?;
         report.add(unwanted, removal.dropped());
-        let near = |&n: &usize| removal.meets(self.plan.region(n).grown(self.passes[number].halo));
-        let bricks: Vec<usize> = (0..self.plan.bricks.len()).filter(near).collect();
-        self.pass(number, &bricks, store, |bench, _, part, first| {
+        let halo = self.passes[number].halo;
+        let near = |&n: &usize| removal.meets(bricks.region(n).grown(halo));
+        let chosen: Vec<usize> = (0..bricks.len()).filter(near).collect();
+        self.pass(number, &chosen, solid, |bench, _, part, first| {
             let failed = RunError::level_set("removing pieces");
             removal.apply(part, first, bench.session()).map_err(failed)
         })?;
-        Ok(bricks)
+        Ok(chosen)
     }
 
     /// Does operations to all bricks.
-    fn operate(&self, number: usize, store: &LeafStore) -> Result<Vec<usize>, RunError> {
-        let bricks: Vec<usize> = (0..self.plan.bricks.len()).collect();
-        self.pass(number, &bricks, store, |bench, pass, part, _| {
+    fn operate(&self, number: usize, solid: &StoredSolid) -> Result<Vec<usize>, RunError> {
+        let all: Vec<usize> = (0..solid.bricks.len()).collect();
+        self.pass(number, &all, solid, |bench, pass, part, _| {
             operate_on(bench, self.stock, pass, part)
         })?;
-        Ok(bricks)
+        Ok(all)
     }
 
     /// Makes the files of a pass from the solid before it.
     fn pass(
         &self,
         number: usize,
-        bricks: &[usize],
-        store: &LeafStore,
+        chosen: &[usize],
+        StoredSolid { bricks, store }: &StoredSolid,
         change: impl Fn(&mut Bench, &Pass, &mut LevelSet, Coord) -> Result<(), RunError>,
     ) -> Result<(), RunError> {
         let pass = &self.passes[number];
-        self.progress.stage("bricks", Some(bricks.len() as u64));
-        for &brick in bricks {
-            self.make_file(number, brick, |writer| {
-                let region = self.plan.region(brick);
+        self.progress.stage("bricks", Some(chosen.len() as u64));
+        for &brick in chosen {
+            self.make_file((number, bricks), brick, |writer| {
+                let region = bricks.region(brick);
                 let grown = region.grown(pass.halo);
                 let quiet = Quiet(self.progress);
-                let mut bench = Bench::new(self.stock.recipe, self.threads, &quiet);
+                let mut bench = bricks.bench(self, &quiet);
                 bench.region = Some(grown);
                 let mut part = part(bench, store, grown, grown.min)?;
                 change(&mut bench, pass, &mut part, grown.min)?;

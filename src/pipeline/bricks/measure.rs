@@ -2,11 +2,10 @@
 //! keeps the triangles that are its own.
 
 use super::super::error::RunError;
-use super::super::operate::Bench;
 use super::later::part;
 use super::meshes::Meshes;
+use super::solid::StoredSolid;
 use super::{Quiet, Yard};
-use crate::band::LeafStore;
 use crate::frame::{Aabb, Coord, Vec3};
 use crate::io::atomic::write_bytes;
 use crate::mesh::TriMesh;
@@ -29,10 +28,11 @@ pub(super) struct Measured {
 /// Meshes all bricks; adds their triangles to the files.
 pub(super) fn measure(
     yard: &Yard,
-    store: &LeafStore,
+    solid: &StoredSolid,
     files: &mut Meshes,
 ) -> Result<Measured, RunError> {
-    let count = yard.plan.bricks.len();
+    let StoredSolid { bricks, store } = solid;
+    let count = bricks.len();
     yard.progress.stage("mesh", Some(count as u64));
     let mut found = Measured {
         volume: 0.0,
@@ -41,14 +41,14 @@ pub(super) fn measure(
         frame: Aabb::EMPTY,
     };
     let quiet = Quiet(yard.progress);
-    let bench = Bench::new(yard.stock.recipe, yard.threads, &quiet);
+    let bench = bricks.bench(yard, &quiet);
     let failed = RunError::level_set("mesh");
     let corners = store.bounds().into_iter().flatten();
     let far = corners.flat_map(|c| c.0).map(i32::unsigned_abs).max();
     let far = f64::from(far.unwrap_or(0)) * bench.scale.voxel_size;
     // Patches weld from the upper ones down.
     for brick in (0..count).rev() {
-        let region = yard.plan.region(brick);
+        let region = bricks.region(brick);
         let solid = part(bench, store, region.grown(LAYER), Coord([0; 3]))?;
         found.frame = found.frame.union(solid.bounds().map_err(&failed)?);
         let session = bench.session();
@@ -73,20 +73,21 @@ pub(super) fn measure(
 /// Writes a picture of the solid that fills `frame`.
 pub(super) fn picture(
     yard: &Yard,
-    store: &LeafStore,
+    solid: &StoredSolid,
     (output, path): (&Output, &Path),
     frame: Aabb,
 ) -> Result<(), RunError> {
-    let count = yard.plan.bricks.len();
+    let StoredSolid { bricks, store } = solid;
+    let count = bricks.len();
     // Coarse, fine, and shadows.
     yard.progress.stage("picture", Some(3 * count as u64));
     let quiet = Quiet(yard.progress);
-    let bench = Bench::new(yard.stock.recipe, yard.threads, &quiet);
+    let bench = bricks.bench(yard, &quiet);
     let transform = bench.transform()?;
     let wanted = super::super::output::picture(output);
     let image = render_parts(&wanted, frame, bench.session(), |visit| {
         for brick in 0..count {
-            let region = yard.plan.region(brick);
+            let region = bricks.region(brick);
             if store.blocks_of(region).next().is_some() {
                 let own = part(bench, store, region.grown(LAYER), Coord([0; 3]))?;
                 let corners = [region.min, region.max].map(|c| transform.world(c).0);

@@ -9,6 +9,7 @@ use super::super::operate::Bench;
 use super::super::report::MeshFacts;
 use super::super::shape::{Shape, shape};
 use super::Yard;
+use super::solid::Bricks;
 use crate::field::WorldField;
 use crate::frame::LengthUnit;
 use crate::io::{BeamLattice, MeshPart, MeshStream, write_beams};
@@ -51,9 +52,9 @@ pub(super) struct Meshes<'a> {
 
 impl<'a> Meshes<'a> {
     /// Begins all files.
-    pub fn create(yard: &Yard<'a>, targets: &Targets) -> Result<Self, RunError> {
+    pub fn create(yard: &Yard<'a>, bricks: &Bricks, targets: &Targets) -> Result<Self, RunError> {
         let recipe = yard.stock.recipe;
-        let bench = Bench::new(recipe, yard.threads, yard.progress);
+        let bench = bricks.bench(yard, yard.progress);
         let (mut outs, mut beams) = (Vec::new(), Vec::new());
         let nothing = TriMesh::default();
         for (output, path) in targets.of(OutputKind::Mesh) {

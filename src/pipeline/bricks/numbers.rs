@@ -3,11 +3,11 @@
 
 use super::super::attributes::Attributes;
 use super::super::error::RunError;
-use super::super::operate::Bench;
 use super::later::unfit;
+use super::solid::StoredSolid;
 use super::{Quiet, Yard, unwritten};
-use crate::band::{LeafBatch, LeafStore, NumberFileWriter, NumberStore, Region, StoreError};
-use crate::frame::Coord;
+use crate::band::{LeafBatch, NumberFileWriter, NumberStore, Region, StoreError};
+use crate::frame::{Coord, Transform};
 use crate::io::atomic::AtomicFile;
 use crate::mesh::TriMesh;
 use crate::progress::Cancelled;
@@ -31,11 +31,11 @@ impl Yard<'_> {
     }
 
     /// Opens the numbers of a word.
-    pub fn numbers(&self, word: &GridWord, store: &LeafStore) -> Result<NumberStore, RunError> {
-        let bricks = 0..self.plan.bricks.len();
+    pub fn numbers(&self, word: &GridWord, solid: &StoredSolid) -> Result<NumberStore, RunError> {
+        let bricks = 0..solid.bricks.len();
         let files = bricks.map(|n| self.number_file(word, n)).collect();
         let width = word.components();
-        let found = NumberStore::open(files, width, store, self.threads, self.progress);
+        let found = NumberStore::open(files, width, &solid.store, self.threads, self.progress);
         found.map_err(|e| match e {
             StoreError::Unfit(faults) => unfit(self, None, &faults),
             e => RunError::File(FileError::from(e)),
@@ -43,19 +43,19 @@ impl Yard<'_> {
     }
 
     /// Makes the numbers of some words at all active voxels, but for bricks whose numbers are there.
-    pub fn make_numbers(&self, words: &[GridWord], store: &LeafStore) -> Result<(), RunError> {
+    pub fn make_numbers(&self, words: &[GridWord], solid: &StoredSolid) -> Result<(), RunError> {
         if words.is_empty() {
             return Ok(());
         }
         let quiet = Quiet(self.progress);
-        let bench = Bench::new(self.stock.recipe, self.threads, &quiet);
+        let bench = solid.bricks.bench(self, &quiet);
         // None of them is a length.
         let nothing = TriMesh::default();
         let attributes = Attributes::new(bench, self.stock, words, &nothing, 1.0)?;
-        let count = self.plan.bricks.len();
+        let count = solid.bricks.len();
         self.progress.stage("grids", Some(count as u64));
         for brick in 0..count {
-            self.numbers_of_brick(brick, &attributes, store)?;
+            self.numbers_of_brick(brick, &attributes, solid)?;
             self.progress.advance(1);
         }
         Ok(())
@@ -65,11 +65,11 @@ impl Yard<'_> {
         &self,
         brick: usize,
         attributes: &Attributes,
-        store: &LeafStore,
+        StoredSolid { bricks, store }: &StoredSolid,
     ) -> Result<(), RunError> {
         let words = attributes.words();
         let files: Vec<_> = words.iter().map(|w| self.number_file(w, brick)).collect();
-        let blocks: Vec<Coord> = store.blocks_of(self.plan.region(brick)).collect();
+        let blocks: Vec<Coord> = store.blocks_of(bricks.region(brick)).collect();
         let active = blocks.iter().filter_map(|b| store.place_of(*b));
         let active: u64 = active.map(|(_, active)| active).sum();
         let is_there = |(word, (path, of)): (&GridWord, &(PathBuf, [u8; 32]))| {
@@ -82,6 +82,7 @@ impl Yard<'_> {
             let writer = NumberFileWriter::new(AtomicFile::create(path)?, of);
             Ok(writer.map_err(|e| unwritten(path, e))?)
         };
+        let transform = bricks.bench(self, self.progress).transform()?;
         let writers: Result<Vec<_>, RunError> = files.iter().map(begin).collect();
         let mut writers = writers?;
         for block in blocks {
@@ -89,7 +90,7 @@ impl Yard<'_> {
             let leaves = leaves.map_err(|e| FileError::from(StoreError::from(e)))?;
             for first in (0..leaves.len()).step_by(TOGETHER) {
                 let last = leaves.len().min(first + TOGETHER);
-                let rows = self.rows(attributes, &leaves, first..last)?;
+                let rows = self.rows(attributes, &transform, &leaves, first..last)?;
                 let mut start = 0;
                 for ((word, writer), (path, _)) in words.iter().zip(&mut writers).zip(&files) {
                     let own = start..start + word.components();
@@ -110,10 +111,10 @@ impl Yard<'_> {
     fn rows(
         &self,
         attributes: &Attributes,
+        transform: &Transform,
         leaves: &LeafBatch,
         range: std::ops::Range<usize>,
     ) -> Result<Vec<Vec<f32>>, RunError> {
-        let transform = Bench::new(self.stock.recipe, self.threads, self.progress).transform()?;
         let of_leaf = |n: usize| {
             if self.progress.cancelled() {
                 return Err(Cancelled);

@@ -4,14 +4,18 @@ use super::super::error::RunError;
 use super::super::estimate::Counts;
 use super::super::operate::Bench;
 use super::super::report::Input;
-use super::super::shape::{Shape, operation_shape, shape};
+use super::super::shape::{operation_shape, shape};
 use super::super::stock::Stock;
+use super::super::voxels::Voxels;
 use super::budget::{leaf_bytes, needs};
+use super::reach::{Pass, before_resampling, passes, reach};
+use super::solid::Bricks;
 use super::{Layout, voxels};
 use crate::band::{BLOCK, Region};
-use crate::frame::Coord;
+use crate::frame::{Aabb, Coord};
 use crate::lanes;
 use crate::progress::{Progress, Threads};
+use crate::vdb::LevelSet;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 use std::path::PathBuf;
@@ -61,11 +65,6 @@ pub struct PlannedInput {
 }
 
 impl BrickPlan {
-    /// The voxels of a brick.
-    pub(in super::super) fn region(&self, brick: usize) -> Region {
-        Region::cube(Coord(self.bricks[brick]), self.edge as i32 * BLOCK)
-    }
-
     /// Hash of all that decides the values of bricks: what leaf files begin with.
     pub(in super::super) fn digest(&self) -> [u8; 32] {
         let deciding = Self {
@@ -159,7 +158,7 @@ fn planned(inputs: &[Input]) -> Vec<PlannedInput> {
     inputs.iter().map(hashed).collect()
 }
 
-/// The plan of a run: all bricks that may hold a part of the band.
+/// The plan of a run: all bricks that may hold a part of the band, until it is put on other voxels.
 pub(in super::super) fn layout(
     stock: &Stock,
     layout: &Layout,
@@ -168,34 +167,24 @@ pub(in super::super) fn layout(
     progress: &dyn Progress,
 ) -> Result<BrickPlan, RunError> {
     let bench = Bench::new(stock.recipe, threads, progress);
-    let edge = layout.edge as i32 * BLOCK;
-    let reach = f64::from(layout.reach) * bench.scale.voxel_size;
-    let ops = &stock.recipe.sections().op;
-    let mut bricks = BTreeSet::new();
-    let mut enter = |shape: &Shape| -> Result<(), RunError> {
-        let blocks = bench.band(shape)?.blocks();
-        for block in blocks.map_err(RunError::band("plan"))? {
-            let near = Region::cube(block, BLOCK).grown(layout.reach);
-            let [x, y, z] =
-                [0, 1, 2].map(|a| near.min[a].div_euclid(edge)..=near.max[a].div_euclid(edge));
-            for (x, y) in x.flat_map(|x| y.clone().map(move |y| (x, y))) {
-                bricks.extend(z.clone().map(|z| [x * edge, y * edge, z * edge]));
-            }
+    let (first, extent) = match stock.volumes.start() {
+        Some(start) => {
+            let failed = RunError::level_set("plan");
+            (blocks_of(start)?, start.bounds().map_err(failed)?)
         }
-        Ok(())
+        None => {
+            let shape = shape(stock, bench.scale)?;
+            let blocks = bench.band(&shape)?.blocks();
+            (blocks.map_err(RunError::band("plan"))?, shape.extent)
+        }
     };
-    let first = shape(stock, bench.scale)?;
-    enter(&first)?;
-    let mut room = first.extent.dilated(reach);
-    for (n, op) in ops.iter().enumerate().skip(stock.pointwise()) {
-        if let Some(other) = operation_shape(stock, (n, op), bench.scale, || Ok(room))? {
-            if other.extent.is_empty() {
-                continue;
-            }
-            room = room.union(other.extent.dilated(reach));
-            enter(&other)?;
-        }
-    }
+    let near = |block: &Coord| Region::cube(*block, BLOCK).grown(layout.reach);
+    let mut regions: Vec<Region> = first.iter().map(near).collect();
+    let passes = passes(stock);
+    let before = before_resampling(&passes);
+    let operands = operand_regions(stock, bench, before, extent)?;
+    regions.extend(operands);
+    let bricks = Bricks::around(Voxels::first(stock), layout.edge, regions.into_iter());
     let report = stock.report();
     let (voxel_size, half_width) = voxels(stock.recipe);
     Ok(BrickPlan {
@@ -209,9 +198,51 @@ pub(in super::super) fn layout(
         portable: lanes::gives_portable_bits(),
         edge: layout.edge,
         halo: layout.halo as u32,
-        bricks: bricks.into_iter().collect(),
+        bricks: bricks.origins().map(|b| b.0).collect(),
         out: None,
         leaf_bytes: leaf_bytes(counts) as u64,
-        memory_bytes: needs(stock, threads, counts, layout.halo, layout.edge),
+        memory_bytes: needs(stock, threads, counts, layout.edge),
     })
+}
+
+/// Blocks that hold leaves of a level set, ascending.
+fn blocks_of(solid: &LevelSet) -> Result<Vec<Coord>, RunError> {
+    let mut blocks = BTreeSet::new();
+    let found = solid.for_each_leaf(|leaf| {
+        blocks.insert(leaf.origin.aligned(BLOCK));
+    });
+    found.map_err(RunError::level_set("plan"))?;
+    Ok(blocks.into_iter().collect())
+}
+
+/// Where the operations of some passes on the same voxels add what they combine the solid with; `extent`
+/// is the solid's own.
+pub(super) fn operand_regions(
+    stock: &Stock,
+    bench: Bench,
+    passes: &[Pass],
+    extent: Aabb,
+) -> Result<Vec<Region>, RunError> {
+    let voxels = reach(passes);
+    let by = f64::from(voxels) * bench.scale.voxel_size;
+    let mut room = extent.dilated(by);
+    let mut regions = Vec::new();
+    let ops = stock.recipe.sections().op.iter().enumerate();
+    let of_pass = |n: usize| passes.iter().any(|p| p.ops.contains(&n));
+    for (n, op) in ops.filter(|(n, _)| of_pass(*n)) {
+        let Some(other) = operation_shape(stock, (n, op), bench.scale, || Ok(room))? else {
+            continue;
+        };
+        if other.extent.is_empty() {
+            continue;
+        }
+        room = room.union(other.extent.dilated(by));
+        let blocks = bench
+            .band(&other)?
+            .blocks()
+            .map_err(RunError::band("plan"))?;
+        let near = |block: Coord| Region::cube(block, BLOCK).grown(voxels);
+        regions.extend(blocks.into_iter().map(near));
+    }
+    Ok(regions)
 }

@@ -2,18 +2,16 @@
 
 use super::super::offsets::is_by_points;
 use super::super::operate::unwanted;
-use crate::recipe::{GridWord, Kernel, Op, Output, OutputKind, Recipe, Size};
+use super::super::stock::Stock;
+use super::super::voxels::{Resampling, Voxels};
+use super::voxels::{MARGIN, STENCIL, whole_leaves};
+use crate::recipe::{Kernel, Op, Recipe, Size};
 use crate::vdb::{REMOVAL_REACH, Unwanted};
 use std::ops::Range;
-use std::path::Path;
 
 /// Voxels that a step of tracking reaches with the scheme of first order, and of fifth: three sweeps
 /// of the stencil and the voxel that the band grows by.
 const TRACK: [f64; 2] = [4.0, 10.0];
-/// Voxels about a point of the surface that say where it is.
-const STENCIL: f64 = 3.0;
-/// Voxels beyond what operations need.
-const MARGIN: f64 = 8.0;
 
 /// Operations that a brick goes through at once: one after the other within its halo, or one that
 /// looks at the whole solid first.
@@ -23,79 +21,129 @@ pub(crate) struct Pass {
     /// Voxels around a brick that it is made with: a multiple of 8, 0 where all is sampled from one
     /// field.
     pub halo: i32,
-    /// What of the whole is removed, if this pass does that.
-    pub unwanted: Option<Unwanted>,
+    pub does: Does,
 }
 
-/// The passes of a recipe whose first `first` operations are done on the field; at least one.
-pub(crate) fn passes(recipe: &Recipe, first: usize) -> Vec<Pass> {
-    let ops = of_solid(recipe);
+/// What a pass does.
+pub(crate) enum Does {
+    /// Its operations.
+    Operations,
+    /// Removes this of the whole.
+    Removal(Unwanted),
+    /// Puts the solid on other voxels, in bricks of their own.
+    Resampling(Resampling),
+}
+
+/// The passes of a run; at least one, and the first one needs no other.
+pub(crate) fn passes(stock: &Stock) -> Vec<Pass> {
+    let ops = of_solid(stock.recipe);
     let mut passes = Vec::new();
-    let mut start = first;
+    let mut voxels = Voxels::first(stock);
+    let mut start = stock.pointwise();
+    if voxels.are_of_file {
+        // The file's leaves as they are.
+        passes.push(together(start..start, ops, voxels));
+    }
     for (n, op) in ops.iter().enumerate().skip(start) {
-        let Some(unwanted) = unwanted(op) else {
-            continue;
+        let (does, halo) = match (op, unwanted(op)) {
+            (Op::Resample(resample), _) => {
+                let found = voxels.resampled(resample);
+                (Does::Resampling(found), found.halo())
+            }
+            (_, Some(unwanted)) => {
+                let reach = REMOVAL_REACH * voxels.half_width + MARGIN;
+                (Does::Removal(unwanted), whole_leaves(reach))
+            }
+            (_, None) => continue,
         };
         if passes.is_empty() || start < n {
-            passes.push(together(start..n, recipe));
+            passes.push(together(start..n, ops, voxels));
         }
-        let half_width = recipe.sections().band.half_width.0;
+        if let Does::Resampling(found) = does {
+            voxels = found.to;
+        }
         passes.push(Pass {
             ops: n..n + 1,
-            halo: whole_leaves(REMOVAL_REACH * half_width + MARGIN),
-            unwanted: Some(unwanted),
+            halo,
+            does,
         });
         start = n + 1;
     }
     if passes.is_empty() || start < ops.len() {
-        passes.push(together(start..ops.len(), recipe));
+        passes.push(together(start..ops.len(), ops, voxels));
     }
     passes
 }
 
-/// Voxels that all operations together move the solid by at most.
+/// Passes up to the first that moves the solid to other voxels.
+pub(crate) fn before_resampling(passes: &[Pass]) -> &[Pass] {
+    let moves = |p: &Pass| matches!(p.does, Does::Resampling(_));
+    let count = passes.iter().position(moves).unwrap_or(passes.len());
+    &passes[..count]
+}
+
+/// Voxels that the operations of some passes together move the solid by at most.
 pub(crate) fn reach(passes: &[Pass]) -> i32 {
-    let moving = passes.iter().filter(|p| p.unwanted.is_none());
+    let moving = passes.iter().filter(|p| matches!(p.does, Does::Operations));
     moving.map(|p| p.halo).sum()
 }
 
-/// Voxels around a brick that the widest pass wants.
+/// Voxels around a brick that the widest pass wants, but for those that resample.
 pub(crate) fn widest(passes: &[Pass]) -> i32 {
-    let halos = passes.iter().map(|p| p.halo);
-    halos.max().unwrap_or(0)
+    let kept = passes
+        .iter()
+        .filter(|p| !matches!(p.does, Does::Resampling(_)));
+    kept.map(|p| p.halo).max().unwrap_or(0)
 }
 
-fn together(ops: Range<usize>, recipe: &Recipe) -> Pass {
-    let sections = recipe.sections();
-    let sum: f64 = sections.op[ops.clone()]
-        .iter()
-        .map(|op| reach_of(op, recipe))
-        .sum();
+/// How often the edge of voxels is doubled for the outputs.
+pub(crate) fn coarser_copies(recipe: &Recipe) -> u8 {
+    let outputs = recipe.sections().output.iter();
+    outputs.filter_map(|o| o.lod).max().unwrap_or(0)
+}
+
+/// All ways to other voxels: those of operations, then those of coarser copies.
+pub(crate) fn resamplings(stock: &Stock, passes: &[Pass]) -> Vec<Resampling> {
+    let of_pass = |p: &Pass| match p.does {
+        Does::Resampling(found) => Some(found),
+        _ => None,
+    };
+    let mut all: Vec<Resampling> = passes.iter().filter_map(of_pass).collect();
+    let mut voxels = all.last().map_or_else(|| Voxels::first(stock), |r| r.to);
+    for _ in 0..coarser_copies(stock.recipe) {
+        let copy = voxels.coarser();
+        voxels = copy.to;
+        all.push(copy);
+    }
+    all
+}
+
+fn together(ops: Range<usize>, all: &[Op], voxels: Voxels) -> Pass {
+    let sum: f64 = all[ops.clone()].iter().map(|op| reach_of(op, voxels)).sum();
     let halo = match ops.len() {
         0 => 0,
-        _ => whole_leaves(sum + MARGIN + sections.band.half_width.0),
+        _ => whole_leaves(sum + MARGIN + voxels.half_width),
     };
     Pass {
         ops,
         halo,
-        unwanted: None,
+        does: Does::Operations,
     }
 }
 
-fn whole_leaves(voxels: f64) -> i32 {
-    (voxels / 8.0).ceil() as i32 * 8
-}
-
 /// Voxels around a voxel that may change what an operation makes of it.
-fn reach_of(op: &Op, recipe: &Recipe) -> f64 {
-    let scale = recipe.scale();
-    let half_width = recipe.sections().band.half_width.0;
+fn reach_of(op: &Op, on: Voxels) -> f64 {
+    let Voxels {
+        scale,
+        half_width,
+        are_of_file,
+    } = on;
     let track = TRACK[usize::from(op.is_precise())];
     let voxels = |size: &Size| size.resolve(scale).abs() / scale.voxel_size;
     // Distances from points of the surface look as far as they go, and as the band is wide; those of
     // filters go in steps of half a voxel, each tracked.
     let offset = |v: f64, track: f64| {
-        if is_by_points(op, recipe) {
+        if is_by_points(op, half_width) && !are_of_file {
             v + half_width + STENCIL
         } else {
             (2.0 * v).ceil().max(1.0) * track
@@ -113,10 +161,10 @@ fn reach_of(op: &Op, recipe: &Recipe) -> f64 {
             Op::Hollow(h) => offset(voxels(&h.thickness), track),
             // Its offsets are always of fifth order.
             Op::Fillet(f) => 2.0 * offset(voxels(&f.radius), TRACK[1]),
-            // The band is widened voxel by voxel with six sweeps of fifth order each, and narrowed.
+            // Both bands are widened first, at once or voxel by voxel.
             Op::Blend(b) => {
-                let wider = (voxels(&b.radius) + 2.0 - half_width).ceil().max(0.0);
-                wider * 38.0 + voxels(&b.radius) + TRACK[1]
+                let radius = voxels(&b.radius);
+                on.widening(radius + 2.0, op.is_precise()) + radius + TRACK[1]
             }
             Op::Gaussian(k) => box_filter(k, 4.0),
             Op::Mean(k) | Op::Median(k) => box_filter(k, 1.0),
@@ -134,78 +182,4 @@ fn of_solid(recipe: &Recipe) -> &[Op] {
     let ops = &recipe.sections().op;
     let is_fog = matches!(ops.last(), Some(Op::Fog(_)));
     &ops[..ops.len() - usize::from(is_fog)]
-}
-
-/// Why a recipe cannot go through bricks, if it cannot.
-pub(crate) fn refusal(recipe: &Recipe) -> Option<String> {
-    let sections = recipe.sections();
-    let moved = |op: &Op| matches!(op, Op::Resample(_));
-    if let Some(n) = sections.op.iter().position(moved) {
-        return Some(format!(
-            "op.{n}.resample moves voxels from brick to brick; leave it out and set band.voxel_size, or \
-             druse filter the written file on a machine that holds it"
-        ));
-    }
-    let outputs = sections.output.iter().enumerate();
-    let mut refused = outputs.filter_map(|(n, output)| {
-        let (kind, path) = output.named().first().copied()?;
-        let why = match kind {
-            OutputKind::Mesh => of_mesh(output),
-            OutputKind::Vdb => of_volume(output, path),
-            OutputKind::Picture | OutputKind::Report => None,
-        };
-        Some(format!("output.{n}, {}: {}", path.display(), why?))
-    });
-    refused.next()
-}
-
-/// What both kinds of files may not hold.
-const THICKNESS: &str = "\"thickness\" is that of the widest ball wherever it touches, which no part of the \
-    solid tells; leave it out, or write it with coarser voxels";
-
-fn wants_thickness(o: &Output) -> bool {
-    let words = o.grids.as_deref().unwrap_or_default();
-    words.contains(&GridWord::Thickness)
-}
-
-/// Why a mesh is not streamed, if it is not.
-fn of_mesh(o: &Output) -> Option<&'static str> {
-    if o.is_meshed_by_openvdb() {
-        return Some(
-            "quads, sharp, adaptivity and mesher = \"openvdb\" are OpenVDB's, whose meshes are whole in \
-             memory; leave them out for triangles, or druse mesh the written .vdb on a machine that holds it",
-        );
-    }
-    if o.decimate.is_some() {
-        return Some(
-            "decimate merges triangles wherever they are, which takes the whole mesh; leave it out and \
-             decimate the written mesh on a machine that holds it",
-        );
-    }
-    wants_thickness(o).then_some(THICKNESS)
-}
-
-/// Why a volume is not streamed, if it is not.
-fn of_volume(o: &Output, path: &Path) -> Option<&'static str> {
-    if path
-        .extension()
-        .is_none_or(|e| !e.eq_ignore_ascii_case("vdb"))
-    {
-        return Some(
-            "a .nvdb is one buffer, whole in memory; write a .vdb, which nanovdb_convert makes one of",
-        );
-    }
-    if o.lod.is_some() {
-        return Some(
-            "coarser copies are resampled as a whole; leave lod out, and run the recipe again with \
-             band.voxel_size of twice, four times ... the edge",
-        );
-    }
-    if o.segments.is_some() {
-        return Some(
-            "segments copies the solid piece by piece; leave it out, or choose pieces with keep_largest \
-             and drop_small",
-        );
-    }
-    wants_thickness(o).then_some(THICKNESS)
 }

@@ -1,11 +1,11 @@
 //! The least wall of a solid in bricks: measured in cubes spread over it, each with the surface around.
 
 use super::super::error::RunError;
-use super::super::operate::Bench;
 use super::super::wall::{self, Sampled, Wall};
 use super::later::part;
+use super::solid::StoredSolid;
 use super::{Quiet, Yard};
-use crate::band::{LeafStore, Region};
+use crate::band::Region;
 use crate::frame::{Coord, Vec3};
 use crate::mesh::TriMesh;
 
@@ -23,18 +23,19 @@ const SAMPLES: f64 = 20_000.0;
 
 /// The first percentile of inscribed diameters over the surface; `None` where no ball is inscribed, or
 /// where that wall is thicker than [`REACH`] voxels. It does not depend on the bricks.
-pub(super) fn least_wall(yard: &Yard, store: &LeafStore) -> Result<Option<Wall>, RunError> {
+pub(super) fn least_wall(yard: &Yard, solid: &StoredSolid) -> Result<Option<Wall>, RunError> {
+    let store = &solid.store;
     let cubes: Vec<Region> = store.blocks().flat_map(cubes_of).collect();
     let stride = cubes.len().div_ceil(CUBES).max(1);
     let chosen: Vec<Region> = cubes.iter().step_by(stride).copied().collect();
     yard.progress.stage("walls", Some(chosen.len() as u64));
     // A unit of area crosses 1.5 edges of voxels in the mean, and has a band of both half widths.
-    let half_width = yard.stock.recipe.sections().band.half_width.0;
+    let half_width = solid.bricks.voxels.half_width;
     let points = 1.5 * store.active_voxels() as f64 / (2.0 * half_width * stride as f64);
     let each = (points / SAMPLES).ceil().max(1.0) as usize;
     let mut sampled = Sampled::default();
     for cube in chosen {
-        sampled.add(cube_walls(yard, store, cube, each)?);
+        sampled.add(cube_walls(yard, solid, cube, each)?);
         yard.progress.advance(1);
     }
     Ok(sampled.least())
@@ -51,16 +52,16 @@ fn cubes_of(block: Coord) -> impl Iterator<Item = Region> {
 /// The walls at every `each`-th vertex in a cube.
 fn cube_walls(
     yard: &Yard,
-    store: &LeafStore,
+    stored: &StoredSolid,
     cube: Region,
     each: usize,
 ) -> Result<Sampled, RunError> {
     let quiet = Quiet(yard.progress);
-    let bench = Bench::new(yard.stock.recipe, yard.threads, &quiet);
+    let bench = stored.bricks.bench(yard, &quiet);
     let failed = RunError::level_set("walls");
     let h = bench.scale.voxel_size;
     let around = cube.grown(REACH);
-    let solid = part(bench, store, around.grown(RIM), Coord([0; 3]))?;
+    let solid = part(bench, &stored.store, around.grown(RIM), Coord([0; 3]))?;
     let far = h * f64::from(
         around
             .max

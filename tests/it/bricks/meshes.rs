@@ -85,7 +85,7 @@ fn what_files_cannot_be_streamed_say_what_to_do() {
             "vdb = \"b.vdb\"\ngrids = [\"surface\", \"thickness\"]",
             "thickness",
         ),
-        ("vdb = \"b.vdb\"\nlod = 2", "lod"),
+        ("vdb = \"b.vdb\"\nsegments = \"files\"", "segments"),
         ("vdb = \"b.vdb\"\nsegments = \"grids\"", "segments"),
         ("vdb = \"b.nvdb\"", ".nvdb"),
     ] {

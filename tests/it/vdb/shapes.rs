@@ -2,7 +2,7 @@
 
 use super::*;
 use druse::field::{Capsule, HalfSpace};
-use druse::vdb::{self, Mask, Placement, Sampled, Scheme, VdbWriter, Volume, WallSide};
+use druse::vdb::{self, Mask, Placement, Sampled, Scheme, Tools, VdbWriter, Volume, WallSide};
 
 /// Largest error of the values as distances to a field, in voxels, where they are below `within`.
 fn distance_error(solid: &LevelSet, field: &WorldField, within: f64) -> f64 {
@@ -27,17 +27,65 @@ fn a_wider_band_holds_distances_and_a_narrower_one_is_as_before() {
         centre: Vec3::zeros(),
         radius: 12.0,
     };
-    let mut solid = sphere(12.0, 0.5);
-    let before = volume(&solid);
-    solid.widen(6, session()).unwrap();
-    assert_eq!(solid.half_width(), 9.0);
-    assert!((solid.background() - 4.5).abs() < 1e-6);
-    let error = distance_error(&solid, &ball, 4.4);
-    // The rings are added one by one, each from the last: the outermost are the least exact.
-    assert!(error < 0.3, "{error} voxels");
-    let near = distance_error(&solid, &ball, 1.4);
-    assert!(near < 0.05, "{near} voxels in the old band");
-    assert!((volume(&solid) / before - 1.0).abs() < 1e-4);
+    // By OpenVDB's tools rings are added one by one, each from the last: the outermost are the least exact.
+    for (tools, most) in [(Tools::Own, 0.01), (Tools::OpenVdb, 0.3)] {
+        let mut solid = sphere(12.0, 0.5);
+        let before = volume(&solid);
+        let near = distance_error(&solid, &ball, 1.4);
+        solid.widen(6, session().with_tools(tools)).unwrap();
+        assert_eq!(solid.half_width(), 9.0);
+        assert!((solid.background() - 4.5).abs() < 1e-6);
+        let error = distance_error(&solid, &ball, 4.4);
+        assert!(error < most, "{error} voxels by {tools:?}");
+        let after = distance_error(&solid, &ball, 1.4);
+        match tools {
+            Tools::Own => assert_eq!(near, after, "values within the old band stay"),
+            Tools::OpenVdb => assert!(after < 0.05, "{after} voxels in the old band"),
+        }
+        assert!((volume(&solid) / before - 1.0).abs() < 1e-4);
+        assert!(solid.check(session()).unwrap().passed(), "{tools:?}");
+    }
+}
+
+#[test]
+fn a_band_that_is_widened_at_once_is_closed_and_knows_its_inside() {
+    // A gap lies between two boxes, and beyond it is an edge or a corner.
+    let [low, high] = [Vec3::new(1.03, -3.07, -3.11), Vec3::new(7.01, 2.93, 2.89)];
+    let twin = |mirror: f64| {
+        let x = [mirror * low.x, mirror * high.x];
+        let room = Aabb {
+            min: Vec3::new(x[0].min(x[1]), low.y, low.z),
+            max: Vec3::new(x[0].max(x[1]), high.y, high.z),
+        };
+        level_set(&BoxSolid(room), room, 0.25)
+    };
+    let mut solid = twin(-1.0);
+    solid.union(twin(1.0), session()).unwrap();
+    solid.widen(9, session()).unwrap();
+    let mut found = 0;
+    solid
+        .for_each_leaf(|leaf| {
+            for n in 0..512 {
+                let p = solid.transform().world(leaf.voxel(n)).0;
+                let p = Vec3::new(p.x.abs(), p.y, p.z);
+                let q = (low - p).sup(&(p - high));
+                let d = q.map(|c| c.max(0.0)).norm() + q.max().min(0.0);
+                let v = f64::from(leaf.values[n]);
+                // Points of the surface lie up to a voxel before edges and corners.
+                let beside = q.iter().filter(|c| **c > -0.25).count();
+                let slack = 0.25 * if beside > 1 { 1.0 } else { 0.05 };
+                if leaf.is_active(n) {
+                    found += 1;
+                    assert!((v - d).abs() < slack, "{v} {d} at {p:?}");
+                } else {
+                    assert!((v.abs() - 3.0).abs() < 1e-5, "{v} at {p:?}");
+                    assert!(d.abs() > 3.0 - slack, "{d} at {p:?}");
+                }
+                assert_eq!(v < 0.0, d < 0.0, "{v} {d} at {p:?}");
+            }
+        })
+        .unwrap();
+    assert!(found > 100_000);
 }
 
 #[test]

@@ -1,0 +1,90 @@
+//! A solid on the disk: its leaves, and the bricks that they are kept in.
+
+use super::super::operate::Bench;
+use super::super::voxels::Voxels;
+use super::Yard;
+use super::plan::BrickPlan;
+
+use crate::band::{BLOCK, LeafStore, Region};
+use crate::frame::Coord;
+use crate::progress::Progress;
+use crate::vdb::Tools;
+use std::collections::BTreeSet;
+
+/// Bricks on voxels of one size.
+#[derive(Clone)]
+pub(super) struct Bricks {
+    pub voxels: Voxels,
+    /// Least voxels, ascending.
+    origins: Vec<Coord>,
+    /// Edge of a brick, voxels.
+    edge: i32,
+}
+
+/// A solid in bricks.
+pub(super) struct StoredSolid {
+    pub bricks: Bricks,
+    pub store: LeafStore,
+}
+
+impl Bricks {
+    /// The bricks of a plan.
+    pub fn of_plan(plan: &BrickPlan, voxels: Voxels) -> Self {
+        Self {
+            voxels,
+            origins: plan.bricks.iter().map(|&b| Coord(b)).collect(),
+            edge: plan.edge as i32 * BLOCK,
+        }
+    }
+
+    /// Bricks of so many blocks a side wherever one of some regions is.
+    pub fn around(voxels: Voxels, edge: u32, regions: impl Iterator<Item = Region>) -> Self {
+        let edge = edge as i32 * BLOCK;
+        let origins: BTreeSet<Coord> = regions.flat_map(|r| covering(r, edge)).collect();
+        Self {
+            voxels,
+            origins: origins.into_iter().collect(),
+            edge,
+        }
+    }
+
+    /// Least voxels of all, ascending.
+    pub fn origins(&self) -> impl Iterator<Item = Coord> {
+        self.origins.iter().copied()
+    }
+
+    pub fn len(&self) -> usize {
+        self.origins.len()
+    }
+
+    /// The voxels of a brick.
+    pub fn region(&self, brick: usize) -> Region {
+        Region::cube(self.origins[brick], self.edge)
+    }
+
+    /// A bench for these voxels.
+    pub fn bench<'b>(&self, yard: &'b Yard<'_>, progress: &'b dyn Progress) -> Bench<'b> {
+        Bench {
+            scale: self.voxels.scale,
+            half_width: self.voxels.half_width,
+            tools: if self.voxels.are_of_file {
+                Tools::OpenVdb
+            } else {
+                Tools::Own
+            },
+            ..Bench::new(yard.stock.recipe, yard.threads, progress)
+        }
+    }
+
+    /// Half width of the band, world units.
+    pub fn background(&self) -> f32 {
+        (self.voxels.half_width * self.voxels.scale.voxel_size) as f32
+    }
+}
+
+/// Origins of the bricks of so many voxels a side that meet a region, ascending.
+pub(super) fn covering(region: Region, edge: i32) -> impl Iterator<Item = Coord> {
+    let along = move |a: usize| region.min[a].div_euclid(edge)..=region.max[a].div_euclid(edge);
+    let plane = along(0).flat_map(move |x| along(1).map(move |y| (x, y)));
+    plane.flat_map(move |(x, y)| along(2).map(move |z| Coord([x * edge, y * edge, z * edge])))
+}
