@@ -22,7 +22,8 @@ mod costs;
 
 pub(super) use costs::numbers_at_vertices;
 use costs::{
-    cost, grids_in_memory, grids_on_disk, pixels, point_in_memory, point_in_spool, point_on_disk,
+    WIDENING, cost, grids_in_memory, grids_on_disk, pixels, point_in_memory, point_in_spool,
+    point_on_disk,
 };
 
 /// Predicted needs of a run.
@@ -386,7 +387,10 @@ fn predict(stock: &Stock, threads: &Threads, c: &Counts) -> Estimate {
                     let words = super::output::words(stock.recipe, output);
                     // Copies are made from a wider one, each from the one before.
                     let copies = output.lod.map_or(0.0, |levels| {
-                        on_last.coarser().growth() + share_of_copies(levels)
+                        let wider = on_last.coarser().growth();
+                        let share = share_of_copies(levels);
+                        seconds += c.active * WIDENING * wider * (1.0 + share) * 1e-9 * speed;
+                        2.0 * wider + share
                     });
                     tree * (1.0 + copies) + grids_in_memory(&words, c)
                 }

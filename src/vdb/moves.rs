@@ -3,13 +3,24 @@
 
 use super::smooth::{leaf_of, put};
 use super::{LevelSet, Scheme, Session, Tools, VdbError, ffi};
-use crate::band::{LeafBatch, SurfacePoints};
+use crate::band::{LEAF, LeafBatch, Region, SurfacePoints};
 use crate::frame::Coord;
 use crate::progress::Cancelled;
 use rayon::prelude::*;
 
 /// Leaves that a thread takes at a time, between two looks at whether the user asked to stop.
 const CHUNK: usize = 64;
+
+/// How distances are rebuilt.
+#[derive(Clone, Copy)]
+struct Rebuild {
+    /// How far the surface is moved outwards, world units.
+    outwards: f64,
+    /// Half width of the band then, world units.
+    background: f32,
+    /// Leaves that meet it are rebuilt.
+    within: Region,
+}
 
 impl LevelSet {
     /// Whether the surface is moved by own hands.
@@ -19,15 +30,21 @@ impl LevelSet {
             && SurfacePoints::suffices(self.half_width)
     }
 
-    /// Makes the band `voxels` wider on each side, at once. Values within the old one stay.
+    /// Makes the band `voxels` wider on each side, at once, in leaves that meet a region. Values within the
+    /// old one stay.
     pub(super) fn widen_by_points(
         &mut self,
         voxels: u32,
+        within: Region,
         session: Session<'_>,
     ) -> Result<(), VdbError> {
         let half_width = self.half_width + f64::from(voxels);
-        let background = (half_width * self.voxel_size()) as f32;
-        self.rebuild("widening the band", (0.0, background), session)?;
+        let rebuild = Rebuild {
+            outwards: 0.0,
+            background: (half_width * self.voxel_size()) as f32,
+            within,
+        };
+        self.rebuild("widening the band", rebuild, session)?;
         self.half_width = half_width;
         Ok(())
     }
@@ -39,21 +56,23 @@ impl LevelSet {
         outwards: f64,
         session: Session<'_>,
     ) -> Result<(), VdbError> {
-        let background = self.background() as f32;
-        self.rebuild(doing, (outwards, background), session)
+        let rebuild = Rebuild {
+            outwards,
+            background: self.background() as f32,
+            within: Region::EVERYWHERE,
+        };
+        self.rebuild(doing, rebuild, session)
     }
 
-    /// Rebuilds the distances from the surface moved so far outwards, up to another background.
     fn rebuild(
         &mut self,
         doing: &'static str,
-        (outwards, background): (f64, f32),
+        how: Rebuild,
         session: Session<'_>,
     ) -> Result<(), VdbError> {
+        let background = how.background;
         let is_wider = background > self.background() as f32;
-        let moved = session
-            .threads
-            .install(|| self.moved(outwards, background, session));
+        let moved = session.threads.install(|| self.moved(how, session));
         let moved = match moved {
             Ok(moved) => moved,
             Err(error) => {
@@ -74,12 +93,12 @@ impl LevelSet {
     }
 
     /// The leaves that are different then.
-    fn moved(
-        &self,
-        outwards: f64,
-        background: f32,
-        session: Session<'_>,
-    ) -> Result<Vec<LeafBatch>, VdbError> {
+    fn moved(&self, how: Rebuild, session: Session<'_>) -> Result<Vec<LeafBatch>, VdbError> {
+        let Rebuild {
+            outwards,
+            background,
+            within,
+        } = how;
         let leaves = self.leaves()?;
         let own: Vec<Coord> = leaves.iter().map(|l| l.origin).collect();
         let leaf = |n: usize| leaf_of(&leaves, n);
@@ -88,10 +107,11 @@ impl LevelSet {
             .with_background(background);
         let stays = background > own_background;
         let mut all = surface.leaves_within(outwards);
+        all.retain(|&origin| within.meets(origin, LEAF));
         let there = |origin: &Coord| own.binary_search(origin);
         let new: Vec<Coord> = all.iter().filter(|o| there(o).is_err()).copied().collect();
         let signs = self.values(&new)?;
-        all.extend(&own);
+        all.extend(own.iter().filter(|&&origin| within.meets(origin, LEAF)));
         all.par_sort_unstable();
         all.dedup();
         let one = |origin: Coord, batch: &mut LeafBatch| {

@@ -5,7 +5,7 @@
 
 use super::ffi;
 use super::{LevelSet, LevelSetBuilder, Session, VdbError};
-use crate::band::Band;
+use crate::band::{Band, Region};
 use crate::field::{Field, Interval, SampleLattice};
 use crate::frame::{Aabb, Coord, Mat3, Transform, Vec3, WorldPoint};
 use std::collections::HashMap;
@@ -80,7 +80,28 @@ impl Sampled {
     /// # Errors
     /// [`VdbError::Cancelled`], or what OpenVDB refuses.
     pub fn new(
+        level_set: LevelSet,
+        half_width: f64,
+        placement: Placement,
+        session: Session<'_>,
+    ) -> Result<Self, VdbError> {
+        Self::within(
+            level_set,
+            Region::EVERYWHERE,
+            half_width,
+            placement,
+            session,
+        )
+    }
+
+    /// The same for values that are made of the level set's voxels in a region: a cell and two voxels more
+    /// on each side.
+    ///
+    /// # Errors
+    /// As [`Sampled::new`].
+    pub fn within(
         mut level_set: LevelSet,
+        region: Region,
         half_width: f64,
         placement: Placement,
         session: Session<'_>,
@@ -89,7 +110,7 @@ impl Sampled {
         // Two voxels more: parabolas must not see where the band ends.
         let wanted = half_width / (placement.scale * h) + 2.0;
         let wider = (wanted - level_set.half_width()).ceil().clamp(0.0, 4096.0);
-        level_set.widen(wider as u32, session)?;
+        level_set.widen_within(wider as u32, region, session)?;
         let mut leaves = Ranges::new();
         let mut blocks = Ranges::new();
         level_set.for_each_leaf(|leaf| {

@@ -2,7 +2,7 @@
 
 use super::ffi::{self, Smoothing};
 use super::{LevelSet, LevelSetBuilder, Scheme, Session, VdbError, Volume};
-use crate::band::Band;
+use crate::band::{Band, Region};
 use crate::field::BoxSolid;
 use crate::frame::Aabb;
 
@@ -65,8 +65,18 @@ impl LevelSet {
     /// # Errors
     /// [`VdbError::Cancelled`], or what OpenVDB refuses (memory).
     pub fn widen(&mut self, voxels: u32, session: Session<'_>) -> Result<(), VdbError> {
+        self.widen_within(voxels, Region::EVERYWHERE, session)
+    }
+
+    /// The same where only what lies in a region will be looked at: elsewhere the band may stay as it is.
+    pub(super) fn widen_within(
+        &mut self,
+        voxels: u32,
+        region: Region,
+        session: Session<'_>,
+    ) -> Result<(), VdbError> {
         if voxels > 0 && self.moves_by_points(session) {
-            return self.widen_by_points(voxels, session);
+            return self.widen_by_points(voxels, region, session);
         }
         self.resize(i64::from(voxels), session)
     }

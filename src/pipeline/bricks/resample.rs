@@ -119,18 +119,19 @@ impl Yard<'_> {
         let Some(source) = way.source(region) else {
             return Ok(());
         };
-        if solid.store.blocks_of(source).next().is_none() {
+        let around = source.grown(way.halo());
+        if solid.store.blocks_of(around).next().is_none() {
             return Ok(());
         }
         // At its own place: points of the world are looked up as in the whole.
-        let part = part(bench, &solid.store, source, Coord([0; 3]))?;
+        let part = part(bench, &solid.store, around, Coord([0; 3]))?;
         let transform = Bench {
             scale: way.to.scale,
             ..bench
         }
         .transform()?;
         let reach = way.to.half_width * transform.voxel_size();
-        let field = Sampled::new(part, reach, way.placement, bench.session());
+        let field = Sampled::within(part, source, reach, way.placement, bench.session());
         let field = field.map_err(&failed)?;
         if field.bounds().is_empty() {
             return Ok(());

@@ -86,11 +86,11 @@ impl Resampling {
         Some(self.to.around(image.dilated(reach)))
     }
 
-    /// The old voxels that a region of new ones is made from.
+    /// The old voxels that values in a region of new ones are made of.
     pub fn source(&self, region: Region) -> Option<Region> {
         // A voxel's mask looks at its neighbours.
         let span = self.to.span(region.grown(1))?;
         let source = self.placement.inverted().image(span);
-        Some(self.from.around(source).grown(self.halo()))
+        Some(self.from.around(source).grown(PARABOLA as i32 + 1))
     }
 }

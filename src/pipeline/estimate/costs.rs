@@ -5,6 +5,9 @@ use super::{Counts, LEAF_BYTES};
 use crate::recipe::{GridWord, Op, Output};
 use std::path::Path;
 
+/// Nanoseconds per active voxel (2 threads) and growth of the band that it takes to widen it.
+pub(super) const WIDENING: f64 = 200.0;
+
 /// Bytes of a point of an output's mesh, beside the mesh that a run has anyway: another mesh, and numbers
 /// by point and by word.
 pub(super) fn point_in_memory(output: &Output) -> f64 {
@@ -96,10 +99,11 @@ pub(super) fn cost(op: &Op, on: Voxels) -> (f64, f64) {
         Op::Open(d) | Op::Close(d) => (1.0, 400.0 * steps(&d.distance)),
         Op::Hollow(h) => (2.0, 200.0 * steps(&h.thickness)),
         Op::Fillet(f) => (2.0, 400.0 * steps(&f.radius)),
-        // A copy with a wider band, and what is made from it.
+        // A copy whose band is wider, as leaves and in the tree.
         Op::Resample(r) => {
             let way = on.resampled(r);
-            (way.growth() + way.leaves().max(1.0), 600.0 * way.leaves())
+            let old = way.factor().powi(2);
+            (2.0 * way.growth(), WIDENING * way.growth() * old + 360.0)
         }
         Op::Trim(_) | Op::Prune(_) => (0.2, 20.0),
         Op::Fog(_) => (1.0, 20.0),
