@@ -63,16 +63,6 @@ class Block {
   std::unique_ptr<Impl> impl;
 };
 
-// Grids that one was divided into.
-class Parts {
- public:
-  struct Impl;
-  explicit Parts(std::unique_ptr<Impl>);
-  ~Parts();
-  std::size_t len() const;
-  std::unique_ptr<Impl> impl;
-};
-
 // Pointers to the leaves of one grid, in order of origin (x, y, z); valid while the grid is unchanged.
 class LeafTable {
  public:
@@ -147,8 +137,6 @@ void block_add_leaves(Block&, rust::Slice<const std::int32_t> origins, rust::Sli
 void grid_attach(Grid&, std::unique_ptr<Block>);
 void grid_flood_fill(Grid&, const Host&);
 std::unique_ptr<Grid> grid_fog(const Grid&, const Host&);
-std::unique_ptr<Parts> grid_segments(const Grid&, const Host&);
-std::unique_ptr<Grid> parts_take(Parts&, std::size_t index);
 
 // leaves.cc: what a tree holds
 std::unique_ptr<LeafTable> leaf_table(const Grid&);

@@ -21,14 +21,6 @@ Grid::~Grid() = default;
 Block::Block(std::unique_ptr<Impl> i) : impl(std::move(i)) {}
 Block::~Block() = default;
 
-struct Parts::Impl {
-  std::vector<FloatGrid::Ptr> grids;
-};
-
-Parts::Parts(std::unique_ptr<Impl> i) : impl(std::move(i)) {}
-Parts::~Parts() = default;
-std::size_t Parts::len() const { return impl->grids.size(); }
-
 void initialize() { openvdb::initialize(); }
 
 std::unique_ptr<Grid> grid_new(double voxel_size, float background) {
@@ -204,16 +196,6 @@ std::unique_ptr<Grid> grid_fog(const Grid& handle, const Host& host) {
     fog->setName("density");
   });
   return wrap(fog);
-}
-
-std::unique_ptr<Parts> grid_segments(const Grid& handle, const Host& host) {
-  auto parts = std::make_unique<Parts::Impl>();
-  in_arena(host, [&] { tools::segmentSDF(floats(handle), parts->grids); });
-  return std::make_unique<Parts>(std::move(parts));
-}
-
-std::unique_ptr<Grid> parts_take(Parts& parts, std::size_t index) {
-  return wrap(std::exchange(parts.impl->grids.at(index), nullptr));
 }
 
 }  // namespace druse

@@ -110,6 +110,16 @@ impl Region {
         }
     }
 
+    /// Origins, multiples of `edge`, of the cubes of so many voxels that share a voxel with it; ascending.
+    pub fn cubes(self, edge: i32) -> impl Iterator<Item = Coord> {
+        let Self { min, max } = self;
+        let along = move |a: usize| {
+            (min[a].div_euclid(edge)..=max[a].div_euclid(edge)).map(move |n| n * edge)
+        };
+        let plane = along(0).flat_map(move |x| along(1).map(move |y| (x, y)));
+        plane.flat_map(move |(x, y)| along(2).map(move |z| Coord([x, y, z])))
+    }
+
     /// Whether the cube of `edge` voxels at `origin` shares a voxel with it.
     pub fn meets(&self, origin: Coord, edge: i32) -> bool {
         (0..3).all(|a| origin[a] <= self.max[a] && origin[a] + (edge - 1) >= self.min[a])

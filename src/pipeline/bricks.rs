@@ -41,6 +41,7 @@ mod plan;
 mod reach;
 mod refusal;
 mod resample;
+mod segments;
 mod solid;
 mod volumes;
 mod voxels;
@@ -248,10 +249,21 @@ fn crop(
     region: Region,
     sink: &dyn LeafSink,
 ) -> Result<(), RunError> {
+    crop_those(solid, first, region, sink, |_| true)
+}
+
+/// The same for those of the leaves for whose origins `holds` does.
+fn crop_those(
+    solid: &LevelSet,
+    first: Coord,
+    region: Region,
+    sink: &dyn LeafSink,
+    holds: impl Fn(Coord) -> bool,
+) -> Result<(), RunError> {
     let leaves = solid.leaves().map_err(RunError::level_set("bricks"))?;
     let own = leaves.iter().filter_map(|leaf| {
         let origin = leaf.origin.offset(first[0], first[1], first[2]);
-        let is_own = region.meets(origin, LEAF) && leaf.any_active();
+        let is_own = region.meets(origin, LEAF) && leaf.any_active() && holds(origin);
         is_own.then_some((origin, leaf.mask, leaf.values))
     });
     hand_over(own, sink)

@@ -166,7 +166,7 @@ fn volumes(
         let named = pieces.into_iter().enumerate().map(|(n, p)| (n + 1, p));
         match how {
             Segments::Grids => {
-                let grids = named.map(|(n, piece)| (format!("surface_{n}"), piece));
+                let grids = named.map(|(n, piece)| (name_of_piece(n), piece));
                 files.push((path.to_owned(), grids.collect()));
             }
             Segments::Files => files.extend(named.map(|(n, piece)| {
@@ -216,11 +216,16 @@ fn hashes(stock: &Stock) -> String {
 }
 
 /// `part.vdb` as `part_2.vdb`.
-fn numbered(path: &Path, n: usize) -> PathBuf {
+pub(super) fn numbered(path: &Path, n: usize) -> PathBuf {
     let mut name = path.file_stem().unwrap_or_default().to_os_string();
     name.push(format!("_{n}."));
     name.push(path.extension().unwrap_or_default());
     path.with_file_name(name)
+}
+
+/// What a piece is called; the largest is the first.
+pub(super) fn name_of_piece(n: usize) -> String {
+    format!("surface_{n}")
 }
 
 /// What a copy on voxels of 2^level times the edge is called.

@@ -10,6 +10,7 @@ use super::ffi;
 use super::index::{FACES, LeafIndex, offset};
 use super::pieces::{Pieces, Ranking, Side};
 use super::{LeafView, LevelSet, Piece, Session, VdbError};
+use crate::band::LEAF;
 use crate::frame::Coord;
 use std::cmp::Reverse;
 use std::collections::{BinaryHeap, HashMap};
@@ -157,17 +158,17 @@ impl LevelSet {
 }
 
 /// Leaves to be overwritten, and tiles (origin and edge) to be filled with a value.
-struct Edit {
-    origins: Vec<[i32; 3]>,
-    masks: Vec<Bits>,
-    values: Vec<[f32; 512]>,
+pub(super) struct Edit {
+    pub origins: Vec<[i32; 3]>,
+    pub masks: Vec<Bits>,
+    pub values: Vec<[f32; 512]>,
     tiles: Vec<[i32; 4]>,
     fill: f32,
 }
 
 /// The removal in terms of `psi`: the distance, negated where voids are removed, so that removed
 /// voxels have psi <= 0 and the other side of their surface psi > 0.
-struct Removal<'a> {
+pub(super) struct Removal<'a> {
     index: &'a LeafIndex<'a>,
     /// Voxels of chosen pieces, for the leaves that have any.
     removed: HashMap<usize, Bits>,
@@ -179,8 +180,14 @@ struct Removal<'a> {
     patch: Vec<usize>,
 }
 
+/// Leaves beyond a surface's own that its band can reach.
+pub(super) fn rings(half_width: f64) -> i32 {
+    (half_width / f64::from(LEAF)).ceil() as i32
+}
+
 impl<'a> Removal<'a> {
-    fn new(
+    /// Removes the chosen voxels of some leaves.
+    pub fn new(
         level_set: &LevelSet,
         index: &'a LeafIndex<'a>,
         side: Side,
@@ -188,8 +195,7 @@ impl<'a> Removal<'a> {
     ) -> Self {
         let mut removed = HashMap::new();
         let mut patch = Vec::new();
-        // The band reaches that many leaves further.
-        let rings = (level_set.half_width() / 8.0).ceil() as i32;
+        let rings = rings(level_set.half_width());
         for (leaf, bits) in chosen.filter(|(_, bits)| !bits::is_empty(bits)) {
             removed.insert(leaf, bits);
             let o = index.leaves[leaf].origin;
@@ -223,7 +229,8 @@ impl<'a> Removal<'a> {
         (self.sign * value, active)
     }
 
-    fn edit(self) -> Edit {
+    /// What the leaves are without them, in ascending order.
+    pub fn edit(self) -> Edit {
         let lost = self.lost();
         let marched = self.march(&lost);
         let fill = self.sign * self.background;

@@ -136,7 +136,6 @@ mod bridge {
         type Grid;
         type Block;
         type LeafTable;
-        type Parts;
         type Surface;
         type FileIn;
         type FileOut;
@@ -186,12 +185,6 @@ mod bridge {
         fn grid_flood_fill(grid: Pin<&mut Grid>, host: &Host<'_>) -> Result<()>;
         /// A fog volume `density` made from a copy.
         fn grid_fog(grid: &Grid, host: &Host<'_>) -> Result<UniquePtr<Grid>>;
-
-        /// The connected pieces of a level set, the largest first.
-        fn grid_segments(grid: &Grid, host: &Host<'_>) -> Result<UniquePtr<Parts>>;
-        fn len(self: &Parts) -> usize;
-        /// Each once.
-        fn parts_take(parts: Pin<&mut Parts>, index: usize) -> Result<UniquePtr<Grid>>;
 
         /// Valid as long as the grid is not changed: the caller's business.
         fn leaf_table(grid: &Grid) -> Result<UniquePtr<LeafTable>>;

@@ -237,14 +237,39 @@ impl Pieces {
 
     /// The voxels of a leaf that belong to pieces for which `chosen` holds.
     pub fn chosen_in(&self, leaf: usize, chosen: &[bool]) -> Bits {
+        self.those_in(leaf, |piece| chosen[piece])
+    }
+
+    /// The voxels of a leaf that belong to any but one piece.
+    pub fn others_in(&self, leaf: usize, piece: usize) -> Bits {
+        self.those_in(leaf, |other| other != piece)
+    }
+
+    fn those_in(&self, leaf: usize, chosen: impl Fn(usize) -> bool) -> Bits {
         let (first, list) = &self.parts[leaf];
         let mut out = [0; 8];
         for (n, part) in list.iter().enumerate() {
-            if chosen[self.ranking.piece_of[first + n]] {
+            if chosen(self.ranking.piece_of[first + n]) {
                 bits::add(&mut out, &part.bits);
             }
         }
         out
+    }
+
+    /// For each piece that is more than rounding, the numbers of the leaves that hold parts of it, ascending.
+    pub fn leaves_by_piece(&self) -> Vec<Vec<usize>> {
+        let mut all = vec![Vec::new(); self.ranking.count];
+        for (leaf, (first, list)) in self.parts.iter().enumerate() {
+            let own = first + list.len();
+            for &piece in &self.ranking.piece_of[*first..own] {
+                if let Some(leaves) = all.get_mut(piece)
+                    && leaves.last() != Some(&leaf)
+                {
+                    leaves.push(leaf);
+                }
+            }
+        }
+        all
     }
 }
 

@@ -1,20 +1,116 @@
-//! A level set divided into its connected pieces, each a level set.
+//! A level set divided into its connected pieces, each a level set: what is left of the band when all the
+//! others are removed.
 
-use super::{LevelSet, Session, VdbError, ffi};
+use super::bits::{self, Bits};
+use super::drop::{REMOVAL_REACH, Removal, rings};
+use super::index::LeafIndex;
+use super::pieces::{Pieces, Side};
+use super::{LevelSet, LevelSetBuilder, Session, VdbError};
+use crate::band::{BLOCK, LEAF, LeafBatch, LeafSink, Region};
+use crate::frame::Coord;
+use crate::progress::Cancelled;
+use std::collections::{BTreeMap, BTreeSet};
+
+/// Edge of the cubes of leaves that a piece's surroundings are told by, a power of 2: no less than how far a
+/// removal looks, and the band beyond a piece's leaves.
+pub(super) fn surroundings(half_width: f64) -> i32 {
+    let reach = (REMOVAL_REACH * half_width / f64::from(LEAF)).ceil() as i32;
+    let leaves = (reach + rings(half_width)) as u32;
+    leaves.next_power_of_two() as i32 * LEAF
+}
+
+/// Numbers of leaves by cubes of an edge.
+struct Cubes {
+    edge: i32,
+    leaves: BTreeMap<Coord, Vec<usize>>,
+}
+
+impl Cubes {
+    fn new(index: &LeafIndex<'_>, edge: i32) -> Self {
+        let mut leaves: BTreeMap<Coord, Vec<usize>> = BTreeMap::new();
+        for (n, leaf) in index.leaves.iter().enumerate() {
+            leaves.entry(leaf.origin.aligned(edge)).or_default().push(n);
+        }
+        Self { edge, leaves }
+    }
+
+    /// Leaves in the cubes of some leaves and in those about them, ascending.
+    fn around(&self, own: impl Iterator<Item = Coord>) -> Vec<usize> {
+        let cubes: BTreeSet<Coord> = own.map(|o| o.aligned(self.edge)).collect();
+        let around = |cube: Coord| {
+            let region = Region::cube(cube, self.edge).grown(self.edge);
+            region.cubes(self.edge)
+        };
+        let near: BTreeSet<Coord> = cubes.into_iter().flat_map(around).collect();
+        let leaves = near.iter().filter_map(|c| self.leaves.get(c));
+        let mut all: Vec<usize> = leaves.flatten().copied().collect();
+        all.sort_unstable();
+        all
+    }
+}
 
 impl LevelSet {
-    /// The connected pieces of the solid, the largest first: copies.
+    /// The connected pieces of the solid, the largest first: copies. A surface within another's is of the
+    /// piece whose hollow it bounds.
     ///
     /// # Errors
     /// [`VdbError::Cancelled`], or what OpenVDB refuses (memory).
     pub fn segments(&self, session: Session<'_>) -> Result<Vec<Self>, VdbError> {
-        let failed = |e: cxx::Exception| VdbError::of("dividing into pieces", session, &e);
-        let mut parts = ffi::grid_segments(&self.grid, &session.host()).map_err(failed)?;
-        (0..parts.len())
-            .map(|n| {
-                let grid = ffi::parts_take(parts.pin_mut(), n).map_err(failed)?;
-                Ok(Self { grid, ..*self })
+        let leaves = self.leaves()?;
+        let index = LeafIndex::new(self, &leaves, false)?;
+        let found = Pieces::find(&index, Side::Solid, self.voxel_size(), session)?;
+        let cubes = Cubes::new(&index, surroundings(self.half_width()));
+        let own = found.leaves_by_piece();
+        (own.iter().enumerate())
+            .map(|(piece, own)| {
+                if session.progress.cancelled() {
+                    return Err(VdbError::Cancelled(Cancelled));
+                }
+                self.segment(&index, &found, &cubes, (piece, own), session)
             })
             .collect()
+    }
+
+    /// One piece, which has parts in these leaves.
+    fn segment(
+        &self,
+        index: &LeafIndex<'_>,
+        found: &Pieces,
+        cubes: &Cubes,
+        (piece, own): (usize, &[usize]),
+        session: Session<'_>,
+    ) -> Result<Self, VdbError> {
+        let origins = || own.iter().map(|&n| index.leaves[n].origin);
+        let others = cubes.around(origins()).into_iter();
+        let others = others.map(|leaf| (leaf, found.others_in(leaf, piece)));
+        let edit = Removal::new(self, index, Side::Solid, others).edit();
+        let edited: BTreeMap<Coord, usize> =
+            edit.origins.iter().map(|o| Coord(*o)).zip(0..).collect();
+        let mut blocks: BTreeMap<Coord, LeafBatch> = BTreeMap::new();
+        let rings = LEAF * rings(self.half_width());
+        let around = |leaf: Coord| Region::cube(leaf, LEAF).grown(rings).cubes(LEAF);
+        let kept: BTreeSet<Coord> = origins().flat_map(around).collect();
+        for origin in kept {
+            let Some(number) = index.leaf(origin) else {
+                continue;
+            };
+            let (mask, values): (Bits, &[f32; 512]) = match edited.get(&origin) {
+                Some(&n) => (edit.masks[n], &edit.values[n]),
+                None => (index.leaves[number].mask, index.leaves[number].values),
+            };
+            if !bits::is_empty(&mask) {
+                let batch = blocks.entry(origin.aligned(BLOCK)).or_default();
+                batch.push(origin, mask, values);
+            }
+        }
+        let builder = LevelSetBuilder::new(self.transform, self.half_width)?;
+        for (block, leaves) in &blocks {
+            let refused =
+                |e| VdbError::band("dividing into pieces", crate::band::BandError::Sink(e));
+            builder.block(*block, leaves).map_err(refused)?;
+        }
+        let mut segment = builder.finish(session)?;
+        segment.place_at(self.origin)?;
+        Ok(segment)
     }
 }

@@ -5,12 +5,11 @@
 //! blocks, slab by slab, and with the cubes without leaves around them, which are labelled by node of
 //! 4096^3 voxels. In memory stay some bytes a component, and while pieces are chosen some a leaf.
 
-use super::bits::{self, Bits};
 use super::drop::{Dropped, Unwanted};
 use super::leaves::LeafView;
-use super::pieces::{NOWHERE, Part, Ranking, Side, Tally};
+use super::pieces::{NOWHERE, Ranking, Side, Tally};
 use super::{FileError, LevelSet, Piece, Session, VdbError};
-use crate::band::{BLOCK, LEAF, LeafStore, Region, StoreError};
+use crate::band::{BLOCK, LeafStore, Region, StoreError};
 use crate::frame::Coord;
 use crate::progress::Cancelled;
 use crate::sets::Sets;
@@ -19,9 +18,13 @@ use std::collections::{BTreeMap, HashMap};
 
 mod empty;
 mod label;
+mod segments;
+
+pub use segments::StoredSegments;
 
 use empty::{Beyond, Empty};
 use label::{Faces, Labels, label};
+use segments::{leaf_at, parts_of};
 
 /// Numbered pieces of a store.
 struct StoredPieces {
@@ -159,8 +162,7 @@ impl StoredRemoval {
                     .map(|n| n as u16)
                     .collect();
                 if !own.is_empty() {
-                    let at = |shift: u16| i32::from(place >> shift & 15) * LEAF;
-                    parts.insert(origin.offset(at(8), at(4), at(0)), own);
+                    parts.insert(leaf_at(origin, place), own);
                 }
             });
             if parts.len() > before {
@@ -198,15 +200,9 @@ impl StoredRemoval {
         session: Session<'_>,
     ) -> Result<(), VdbError> {
         let chosen = |leaf: &LeafView<'_>| {
-            let mut out: Bits = [0; 8];
             let origin = leaf.origin.offset(first[0], first[1], first[2]);
-            if let Some(numbers) = self.parts.get(&origin) {
-                let parts = Part::all_of(leaf, self.side);
-                for part in numbers.iter().filter_map(|&n| parts.get(usize::from(n))) {
-                    bits::add(&mut out, &part.bits);
-                }
-            }
-            out
+            let numbers = self.parts.get(&origin);
+            numbers.map_or([0; 8], |numbers| parts_of(leaf, self.side, numbers))
         };
         part.remove_chosen(self.side, chosen, session)
     }

@@ -4,7 +4,8 @@ use super::super::error::RunError;
 use super::super::estimate::{self, Counts, LEAF_BYTES, copies, numbers_at_vertices};
 use super::super::memory;
 use super::super::stock::Stock;
-use super::reach::{coarser_copies, passes, resamplings, widest};
+use super::super::voxels::Voxels;
+use super::reach::{coarser_copies, passes, removal_halo, resamplings, wants_segments, widest};
 use super::volumes::attribute_words;
 use crate::band::BLOCK;
 use crate::progress::Threads;
@@ -64,6 +65,13 @@ pub(crate) fn needs(stock: &Stock, threads: &Threads, counts: &Counts, edge: u32
     let points = 0.25 * counts.active / counts.leaves.max(1.0);
     let numbers = 4.0 * most_at_vertices(stock) as f64;
     let meshed = leaves(8.0) * (LEAF_BYTES + (PER_POINT + numbers) * points);
+    let divided = if wants_segments(stock.recipe) {
+        // Parts of others, and a place for each leaf.
+        let halo = f64::from(removal_halo(Voxels::first(stock).half_width));
+        leaves(halo) * LEAF_BYTES * 2.2 + 2.0 * PER_LABEL * counts.most
+    } else {
+        0.0
+    };
     // Of the leaves while pieces are chosen; a part of the solid under the rays of a picture.
     let chosen = if halo > 0 {
         PER_LABEL * counts.most
@@ -85,6 +93,7 @@ pub(crate) fn needs(stock: &Stock, threads: &Threads, counts: &Counts, edge: u32
     let placed = PER_NUMBERS * words.len() as f64 * counts.blocks;
     let greatest = operated
         .max(resampled)
+        .max(divided)
         .max(meshed)
         .max(seen)
         .max(written + placed);
@@ -130,14 +139,15 @@ pub(crate) fn leaf_bytes(counts: &Counts) -> f64 {
     4.0 * counts.active + 66.0 * counts.leaves
 }
 
-/// Bytes of the files of all bricks: leaves after each pass and of coarser copies, and the numbers that go
+/// Bytes of the files of all bricks: leaves after each pass, of coarser copies and of pieces, and the numbers that go
 /// with them.
 pub(crate) fn brick_bytes(stock: &Stock, leaf_bytes: u64) -> u64 {
     let words = attribute_words(stock.recipe);
     let components: usize = words.iter().map(GridWord::components).sum();
     // Of a leaf file all but a few bytes are its voxels'.
     let copies = estimate::share_of_copies(coarser_copies(stock.recipe));
-    let whole = (passes(stock).len() + components) as f64;
+    let pieces = usize::from(wants_segments(stock.recipe));
+    let whole = (passes(stock).len() + components + pieces) as f64;
     (leaf_bytes as f64 * (whole + copies)) as u64
 }
 

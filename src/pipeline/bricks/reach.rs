@@ -50,10 +50,7 @@ pub(crate) fn passes(stock: &Stock) -> Vec<Pass> {
                 let found = voxels.resampled(resample);
                 (Does::Resampling(found), found.halo())
             }
-            (_, Some(unwanted)) => {
-                let reach = REMOVAL_REACH * voxels.half_width + MARGIN;
-                (Does::Removal(unwanted), whole_leaves(reach))
-            }
+            (_, Some(unwanted)) => (Does::Removal(unwanted), removal_halo(voxels.half_width)),
             (_, None) => continue,
         };
         if passes.is_empty() || start < n {
@@ -100,6 +97,20 @@ pub(crate) fn widest(passes: &[Pass]) -> i32 {
 pub(crate) fn coarser_copies(recipe: &Recipe) -> u8 {
     let outputs = recipe.sections().output.iter();
     outputs.filter_map(|o| o.lod).max().unwrap_or(0)
+}
+
+/// Whether an output wants the pieces of the solid one by one.
+pub(crate) fn wants_segments(recipe: &Recipe) -> bool {
+    recipe
+        .sections()
+        .output
+        .iter()
+        .any(|o| o.segments.is_some())
+}
+
+/// Voxels around a brick that it is made with where others than one piece are removed.
+pub(crate) fn removal_halo(half_width: f64) -> i32 {
+    whole_leaves(REMOVAL_REACH * half_width + MARGIN)
 }
 
 /// All ways to other voxels: those of operations, then those of coarser copies.

@@ -54,11 +54,5 @@ fn of_volume(o: &Output, path: &Path) -> Option<&'static str> {
             "a .nvdb is one buffer, whole in memory; write a .vdb, which nanovdb_convert makes one of",
         );
     }
-    if o.segments.is_some() {
-        return Some(
-            "segments copies the solid piece by piece; leave it out, or choose pieces with keep_largest \
-             and drop_small",
-        );
-    }
     wants_thickness(o).then_some(THICKNESS)
 }

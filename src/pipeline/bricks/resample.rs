@@ -7,7 +7,7 @@ use super::super::voxels::Resampling;
 use super::later::part;
 use super::plan::operand_regions;
 use super::reach::{Pass, reach};
-use super::solid::{Bricks, StoredSolid, covering};
+use super::solid::{Bricks, StoredSolid};
 use super::{Quiet, Yard, hand_over};
 use crate::band::{BLOCK, Band, LEAF, Leaf, LeafMap, LeafSink, Region};
 use crate::frame::{Aabb, Coord};
@@ -72,7 +72,7 @@ impl Yard<'_> {
                 if portion >= BLOCK {
                     return self.resampled(way, solid, region, writer);
                 }
-                for block in covering(region, BLOCK) {
+                for block in region.cubes(BLOCK) {
                     let leaves = self.resampled_block(way, solid, (block, portion))?;
                     let leaves = leaves
                         .iter()
@@ -94,7 +94,7 @@ impl Yard<'_> {
         (block, portion): (Coord, i32),
     ) -> Result<BTreeMap<Coord, Leaf>, RunError> {
         let mut leaves = BTreeMap::new();
-        for corner in covering(Region::cube(block, BLOCK), portion) {
+        for corner in Region::cube(block, BLOCK).cubes(portion) {
             let own = Region::cube(corner, portion);
             // Signs beside it decide on its masks.
             let all = LeafMap::default();

@@ -40,7 +40,7 @@ impl Bricks {
     /// Bricks of so many blocks a side wherever one of some regions is.
     pub fn around(voxels: Voxels, edge: u32, regions: impl Iterator<Item = Region>) -> Self {
         let edge = edge as i32 * BLOCK;
-        let origins: BTreeSet<Coord> = regions.flat_map(|r| covering(r, edge)).collect();
+        let origins: BTreeSet<Coord> = regions.flat_map(|r| r.cubes(edge)).collect();
         Self {
             voxels,
             origins: origins.into_iter().collect(),
@@ -80,11 +80,4 @@ impl Bricks {
     pub fn background(&self) -> f32 {
         (self.voxels.half_width * self.voxels.scale.voxel_size) as f32
     }
-}
-
-/// Origins of the bricks of so many voxels a side that meet a region, ascending.
-pub(super) fn covering(region: Region, edge: i32) -> impl Iterator<Item = Coord> {
-    let along = move |a: usize| region.min[a].div_euclid(edge)..=region.max[a].div_euclid(edge);
-    let plane = along(0).flat_map(move |x| along(1).map(move |y| (x, y)));
-    plane.flat_map(move |(x, y)| along(2).map(move |z| Coord([x * edge, y * edge, z * edge])))
 }

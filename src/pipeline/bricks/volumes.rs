@@ -5,12 +5,12 @@ use super::super::error::RunError;
 use super::super::output;
 use super::super::report::OutputFile;
 use super::Yard;
-use super::reach::coarser_copies;
+use super::reach::{coarser_copies, wants_segments};
 use super::solid::{Bricks, StoredSolid};
 use crate::band::{NumberStore, StoreError};
 use crate::frame::Aabb;
 use crate::io::atomic::{StagedPath, write_bytes};
-use crate::recipe::{GridWord, Output, OutputKind, Recipe};
+use crate::recipe::{GridWord, Output, OutputKind, Recipe, Segments};
 use crate::vdb::{Attribute, FileError, LevelSet, StoredFog, Streamed};
 use std::path::Path;
 
@@ -35,6 +35,8 @@ pub(super) struct Volumes<'a> {
     solid: &'a StoredSolid,
     /// On voxels of twice the edge, four times ... as many as any of them wants.
     coarser: Vec<StoredSolid>,
+    /// The largest first, if any of them wants them.
+    pieces: Vec<StoredSolid>,
     /// If any of them wants it.
     fog: Option<StoredFog<'a>>,
     /// The box around the solid, recipe units.
@@ -60,6 +62,11 @@ impl<'a> Volumes<'a> {
             yard,
             solid,
             coarser: yard.coarser(solid, coarser_copies(recipe))?,
+            pieces: if wants_segments(recipe) {
+                yard.segments(solid)?
+            } else {
+                Vec::new()
+            },
             fog,
             bounds,
         })
@@ -72,13 +79,49 @@ impl<'a> Volumes<'a> {
             || !attribute_words(self.yard.stock.recipe).is_empty()
     }
 
-    /// Writes one file, and a scene beside it if that is wished.
+    /// Writes the files of an output, and a scene beside each if that is wished.
     pub fn write(&self, output: &Output, path: &Path) -> Result<Vec<OutputFile>, RunError> {
+        let pieces = || (1..).zip(&self.pieces);
+        match output.segments {
+            None => {
+                let words = output::words(self.yard.stock.recipe, output);
+                let own = words.contains(&GridWord::Surface);
+                let own = own.then(|| (GridWord::Surface.to_string(), self.solid));
+                let levels = usize::from(output.lod.unwrap_or(0));
+                let copies = (1..).zip(&self.coarser[..levels]);
+                let copies = copies.map(|(n, copy)| (output::name_of_coarser(n), copy));
+                let surfaces: Vec<_> = own.into_iter().chain(copies).collect();
+                self.write_one(output, path, &words, &surfaces)
+            }
+            Some(Segments::Grids) => {
+                let named = pieces().map(|(n, piece)| (output::name_of_piece(n), piece));
+                let named: Vec<_> = named.collect();
+                self.write_one(output, path, &[], &named)
+            }
+            Some(Segments::Files) => {
+                let mut files = Vec::new();
+                for (n, piece) in pieces() {
+                    let surface = [(GridWord::Surface.to_string(), piece)];
+                    let path = output::numbered(path, n);
+                    files.extend(self.write_one(output, &path, &[], &surface)?);
+                }
+                Ok(files)
+            }
+        }
+    }
+
+    /// Writes one file: level sets by their names, and the other grids of these words.
+    fn write_one(
+        &self,
+        output: &Output,
+        path: &Path,
+        words: &[GridWord],
+        surfaces: &[(String, &StoredSolid)],
+    ) -> Result<Vec<OutputFile>, RunError> {
         let (yard, recipe) = (self.yard, self.yard.stock.recipe);
         let (bricks, store) = (&self.solid.bricks, &self.solid.store);
         let bench = bricks.bench(yard, yard.progress);
         let unit = output.unit_or_default(recipe.unit());
-        let words = output::words(recipe, output);
         let staged = StagedPath::create(path)?;
         let failed = RunError::level_set("write");
         // Grids without leaves: types, voxels and backgrounds.
@@ -87,13 +130,9 @@ impl<'a> Volumes<'a> {
             let empty = LevelSet::empty(bench.transform()?, bench.half_width, bench.session());
             empty.map_err(&failed)
         };
+        let shapes = surfaces.iter().map(|(_, solid)| empty_on(&solid.bricks));
+        let shapes: Vec<LevelSet> = shapes.collect::<Result<_, _>>()?;
         let empty = empty_on(bricks)?;
-        let copies = &self.coarser[..usize::from(output.lod.unwrap_or(0))];
-        let mut coarser = Vec::with_capacity(copies.len());
-        for (n, copy) in copies.iter().enumerate() {
-            let name = output::name_of_coarser(n + 1);
-            coarser.push((name, empty_on(&copy.bricks)?, &copy.store));
-        }
         let empty_fog = empty.to_fog(bench.session()).map_err(&failed)?;
         let mut numbers: Vec<(&GridWord, Attribute, NumberStore)> = Vec::new();
         for word in words.iter().filter(|w| w.is_attribute()) {
@@ -104,19 +143,12 @@ impl<'a> Volumes<'a> {
         }
         let mut file = output::vdb_file(bench, yard.stock, output, path)?;
         let mut grids = Vec::new();
-        if words.contains(&GridWord::Surface) {
-            output::add_surface(&mut file, output, ("surface", &empty))?;
-            grids.push(Streamed::Surface(store));
-        }
-        for (name, shape, store) in &coarser {
+        for ((name, solid), shape) in surfaces.iter().zip(&shapes) {
             output::add_surface(&mut file, output, (name, shape))?;
-            grids.push(Streamed::Surface(store));
+            grids.push(Streamed::Surface(&solid.store));
         }
-        if let Some(fog) = self
-            .fog
-            .as_ref()
-            .filter(|_| words.contains(&GridWord::Density))
-        {
+        let wants_fog = words.contains(&GridWord::Density);
+        if let Some(fog) = self.fog.as_ref().filter(|_| wants_fog) {
             file.fog("density", &empty_fog, output.half)?;
             grids.push(Streamed::Fog(fog));
         }
@@ -137,8 +169,10 @@ impl<'a> Volumes<'a> {
                 min: self.bounds.min * factor,
                 max: self.bounds.max * factor,
             };
-            let names = words.iter().map(ToString::to_string);
-            let names: Vec<String> = names.chain(coarser.iter().map(|c| c.0.clone())).collect();
+            let mut names: Vec<String> = words.iter().map(ToString::to_string).collect();
+            let others = surfaces.iter().map(|(name, _)| name);
+            let others: Vec<String> = others.filter(|n| !names.contains(n)).cloned().collect();
+            names.extend(others);
             let text = super::super::usda::scene(path, unit, bounds, &names);
             write_bytes(&scene, text.as_bytes())?;
             files.push(output::listed(&scene, Some(unit))?);

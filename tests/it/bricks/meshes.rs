@@ -85,8 +85,6 @@ fn what_files_cannot_be_streamed_say_what_to_do() {
             "vdb = \"b.vdb\"\ngrids = [\"surface\", \"thickness\"]",
             "thickness",
         ),
-        ("vdb = \"b.vdb\"\nsegments = \"files\"", "segments"),
-        ("vdb = \"b.vdb\"\nsegments = \"grids\"", "segments"),
         ("vdb = \"b.nvdb\"", ".nvdb"),
     ] {
         let text = TILED.replace("[[op]]\nkeep_largest = true\n", "");

@@ -2,8 +2,9 @@
 
 use super::runs::{hashes, options};
 use druse::pipeline::{Report, run};
-use druse::progress::Silent;
+use druse::progress::{Silent, Threads};
 use druse::recipe::Recipe;
+use druse::vdb::{LevelSet, Session};
 use std::fmt::Write as _;
 
 /// Balls of many sizes on both sides of the faces of blocks, bars and shells through several of them:
@@ -78,4 +79,45 @@ fn voids_are_filled_across_bricks() {
     assert_eq!((all.solid.filled_voids, all.solid.components), (2, 7));
     let small = both("[[op]]\nfill_voids = 200\n", &[2]);
     assert_eq!((small.solid.filled_voids, small.solid.components), (1, 8));
+}
+
+#[test]
+fn pieces_are_written_one_by_one() {
+    let directory = tempfile::tempdir().unwrap();
+    let outputs = "[[output]]\nvdb = \"g.vdb\"\nsegments = \"grids\"\nusda = true\n[[output]]\nvdb = \"f.vdb\"\nunit = \"mm\"\nhalf = true\nsegments = \"files\"\n[[output]]\nmesh = \"all.ply\"\n";
+    let recipe = Recipe::parse(&format!("{}{outputs}", solids()), &[]).unwrap();
+    let one = run(&recipe, &options(directory.path(), None, 2), &Silent).unwrap();
+    let count = one.solid.components as usize;
+    assert_eq!(hashes(&one).len(), 1 + count);
+    let scene = directory.path().join("g.usda");
+    let words = std::fs::read_to_string(&scene).unwrap();
+    assert!(words.contains(&format!("surface_{count}")));
+    let edges: &[u32] = if std::env::var_os("DRUSE_FULL").is_some() {
+        &[1, 2]
+    } else {
+        &[2]
+    };
+    for &edge in edges {
+        let two = run(&recipe, &options(directory.path(), Some(edge), 2), &Silent).unwrap();
+        assert_eq!(hashes(&one), hashes(&two), "bricks of {edge}");
+        assert_eq!(std::fs::read_to_string(&scene).unwrap(), words);
+    }
+    // Every piece is whole, and they are all there is.
+    let threads = Threads::new(2).unwrap();
+    let session = Session::new(&threads, &Silent);
+    let mut volume = 0.0;
+    for n in 1..=count {
+        let path = directory.path().join("g.vdb");
+        let piece = LevelSet::read(&path, Some(&format!("surface_{n}")), session).unwrap();
+        let check = piece.check(session).unwrap();
+        assert!(
+            check.passed() && check.pieces == 1,
+            "{n}: {:?}",
+            check.problems()
+        );
+        volume += piece.to_mesh(session).unwrap().volume();
+    }
+    // The file's unit is the metre.
+    let exact = one.solid.volume * 1e-9;
+    assert!((volume / exact - 1.0).abs() < 1e-5, "{volume} {exact}");
 }

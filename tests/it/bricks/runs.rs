@@ -278,10 +278,7 @@ fn what_cannot_go_through_bricks_says_why() {
         let error = run(&recipe, &options(directory.path(), Some(1), 1), &Silent).unwrap_err();
         assert!(error.to_string().contains(wanted), "{error}");
     };
-    refused(
-        "[[output]]\nvdb = \"b.vdb\"\nsegments = \"grids\"\n",
-        "b.vdb",
-    );
+    refused("[[output]]\nvdb = \"b.nvdb\"\n", "b.nvdb");
     refused("[[output]]\nmesh = \"b.obj\"\nquads = true\n", "b.obj");
     let wide = RunOptions {
         memory: Some(32 << 20),

@@ -118,6 +118,42 @@ fn dropped_pieces_leave_no_trace() {
 }
 
 #[test]
+fn segments_are_what_is_left_when_all_other_pieces_are_removed() {
+    // A shell with a ball in it, a ball whose band meets the shell's, and one far away.
+    let shell = || intersection(at(0.0, 0.0, 0.0, 9.0), complement(at(0.0, 0.0, 0.0, 6.0)));
+    let (inner, near, far) = (
+        at(0.7, 0.0, 0.0, 4.2),
+        at(0.0, 11.9, 0.3, 2.0),
+        at(21.0, 0.0, 0.0, 1.0),
+    );
+    let all = union(union(shell(), inner), union(near, far));
+    let extent = cube(23.0);
+    let s = level_set(&all, extent, 0.5);
+    let segments = s.segments(session()).unwrap();
+    let alone = [
+        level_set(&shell(), extent, 0.5),
+        level_set(&inner, extent, 0.5),
+        level_set(&near, extent, 0.5),
+        level_set(&far, extent, 0.5),
+    ];
+    assert_eq!(segments.len(), alone.len());
+    let pieces = s.components(session()).unwrap();
+    for (n, (segment, alone)) in segments.iter().zip(&alone).enumerate() {
+        let check = segment.check(session()).unwrap();
+        assert!(check.passed(), "piece {n}: {:?}", check.problems());
+        assert_eq!(check.pieces, 1);
+        let of = |s: &LevelSet| s.components(session()).unwrap()[0];
+        assert_eq!(of(segment).voxels, pieces[n].voxels);
+        assert_eq!(of(segment).voxels, of(alone).voxels);
+        // Where two bands met, distances are marched: within a voxel.
+        let differs = difference(segment, alone, &grid(48));
+        assert!(differs < 0.5, "piece {n} differs by {differs}");
+    }
+    // Nothing was near those.
+    assert_eq!(difference(&segments[3], &alone[3], &grid(48)), 0.0);
+}
+
+#[test]
 fn rounding_is_no_piece() {
     let clean = sphere(8.0, 0.5);
     let builder = LevelSetBuilder::new(clean.transform(), 3.0).unwrap();
