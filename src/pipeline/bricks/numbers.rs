@@ -90,7 +90,7 @@ impl Yard<'_> {
             let leaves = leaves.map_err(|e| FileError::from(StoreError::from(e)))?;
             for first in (0..leaves.len()).step_by(TOGETHER) {
                 let last = leaves.len().min(first + TOGETHER);
-                let rows = self.rows(attributes, &transform, &leaves, first..last)?;
+                let rows = self.rows(attributes, transform, &leaves, first..last)?;
                 let mut start = 0;
                 for ((word, writer), (path, _)) in words.iter().zip(&mut writers).zip(&files) {
                     let own = start..start + word.components();
@@ -111,7 +111,7 @@ impl Yard<'_> {
     fn rows(
         &self,
         attributes: &Attributes,
-        transform: &Transform,
+        transform: Transform,
         leaves: &LeafBatch,
         range: std::ops::Range<usize>,
     ) -> Result<Vec<Vec<f32>>, RunError> {

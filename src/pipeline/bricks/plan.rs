@@ -167,16 +167,13 @@ pub(in super::super) fn layout(
     progress: &dyn Progress,
 ) -> Result<BrickPlan, RunError> {
     let bench = Bench::new(stock.recipe, threads, progress);
-    let (first, extent) = match stock.volumes.start() {
-        Some(start) => {
-            let failed = RunError::level_set("plan");
-            (blocks_of(start)?, start.bounds().map_err(failed)?)
-        }
-        None => {
-            let shape = shape(stock, bench.scale)?;
-            let blocks = bench.band(&shape)?.blocks();
-            (blocks.map_err(RunError::band("plan"))?, shape.extent)
-        }
+    let (first, extent) = if let Some(start) = stock.volumes.start() {
+        let failed = RunError::level_set("plan");
+        (blocks_of(start)?, start.bounds().map_err(failed)?)
+    } else {
+        let shape = shape(stock, bench.scale)?;
+        let blocks = bench.band(&shape)?.blocks();
+        (blocks.map_err(RunError::band("plan"))?, shape.extent)
     };
     let near = |block: &Coord| Region::cube(*block, BLOCK).grown(layout.reach);
     let mut regions: Vec<Region> = first.iter().map(near).collect();

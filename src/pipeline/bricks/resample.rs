@@ -2,7 +2,6 @@
 //! and each is made from what of the old ones lies where it comes to lie.
 
 use super::super::error::RunError;
-use super::super::operate::Bench;
 use super::super::voxels::Resampling;
 use super::later::part;
 use super::plan::operand_regions;
@@ -43,8 +42,7 @@ impl Yard<'_> {
         let blocks = solid.store.blocks();
         let moved = blocks.filter_map(|b| way.moved(Region::cube(b, BLOCK)));
         let mut regions: Vec<Region> = moved.map(grown).collect();
-        let empty = Bricks::around(way.to, 1, std::iter::empty());
-        let bench = empty.bench(self, self.progress);
+        let bench = self.bench(way.to, self.progress);
         let transform = bench.transform()?;
         let corners = regions.iter().flat_map(|r| [r.min, r.max]);
         let extent = Aabb::of(corners.map(|c| transform.world(c).0));
@@ -125,11 +123,7 @@ impl Yard<'_> {
         }
         // At its own place: points of the world are looked up as in the whole.
         let part = part(bench, &solid.store, around, Coord([0; 3]))?;
-        let transform = Bench {
-            scale: way.to.scale,
-            ..bench
-        }
-        .transform()?;
+        let transform = self.bench(way.to, &quiet).transform()?;
         let reach = way.to.half_width * transform.voxel_size();
         let field = Sampled::within(part, source, reach, way.placement, bench.session());
         let field = field.map_err(&failed)?;

@@ -62,22 +62,29 @@ impl Bricks {
         Region::cube(self.origins[brick], self.edge)
     }
 
-    /// A bench for these voxels.
+    /// A bench for their voxels.
     pub fn bench<'b>(&self, yard: &'b Yard<'_>, progress: &'b dyn Progress) -> Bench<'b> {
-        Bench {
-            scale: self.voxels.scale,
-            half_width: self.voxels.half_width,
-            tools: if self.voxels.are_of_file {
-                Tools::OpenVdb
-            } else {
-                Tools::Own
-            },
-            ..Bench::new(yard.stock.recipe, yard.threads, progress)
-        }
+        yard.bench(self.voxels, progress)
     }
 
     /// Half width of the band, world units.
     pub fn background(&self) -> f32 {
         (self.voxels.half_width * self.voxels.scale.voxel_size) as f32
+    }
+}
+
+impl Yard<'_> {
+    /// A bench for some voxels.
+    pub fn bench<'b>(&'b self, voxels: Voxels, progress: &'b dyn Progress) -> Bench<'b> {
+        Bench {
+            scale: voxels.scale,
+            half_width: voxels.half_width,
+            tools: if voxels.are_of_file {
+                Tools::OpenVdb
+            } else {
+                Tools::Own
+            },
+            ..Bench::new(self.stock.recipe, self.threads, progress)
+        }
     }
 }

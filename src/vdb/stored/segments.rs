@@ -54,7 +54,9 @@ impl StoredSegments {
                 }
             });
         }
-        own.iter_mut().for_each(|leaves| leaves.sort_unstable());
+        for leaves in &mut own {
+            leaves.sort_unstable();
+        }
         Ok(Self {
             found,
             own,

@@ -146,7 +146,7 @@ fn a_plan_covers_bricks_until_voxels_change_and_a_merge_makes_the_rest() {
     let path = directory.path().join("p.json");
     let made = brick_plan(&recipe, &path, &own, &Silent).unwrap();
     assert_eq!(made.bricks.len(), 8);
-    make_bricks(&path, &[0..8], &own, &Silent).unwrap();
+    make_bricks(&path, &[0..3, 3..8], &own, &Silent).unwrap();
     let merged = merge_bricks(&path, &own, &Silent).unwrap();
     let whole = run(
         &recipe,
