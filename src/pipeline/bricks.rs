@@ -430,7 +430,7 @@ fn lay_out(
     counts: &Counts,
     (budget, edge): (u64, Option<u32>),
 ) -> Result<Layout, RunError> {
-    if let Some(reason) = refusal(stock.recipe) {
+    if let Some(reason) = refusal(stock) {
         return Err(estimate::shortage_error(
             stock, threads, counts, budget, reason,
         ));

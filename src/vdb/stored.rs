@@ -6,7 +6,6 @@
 //! 4096^3 voxels. In memory stay some bytes a component, and while pieces are chosen some a leaf.
 
 use super::drop::{Dropped, Unwanted};
-use super::leaves::LeafView;
 use super::pieces::{NOWHERE, Ranking, Side, Tally};
 use super::{FileError, LevelSet, Piece, Session, VdbError};
 use crate::band::{BLOCK, LeafStore, Region, StoreError};
@@ -14,17 +13,18 @@ use crate::frame::Coord;
 use crate::progress::Cancelled;
 use crate::sets::Sets;
 use rayon::prelude::*;
-use std::collections::{BTreeMap, HashMap};
+use std::collections::BTreeMap;
 
+mod chosen;
 mod empty;
 mod label;
 mod segments;
 
 pub use segments::StoredSegments;
 
+use chosen::Chosen;
 use empty::{Beyond, Empty};
 use label::{Faces, Labels, label};
-use segments::{leaf_at, parts_of};
 
 /// Numbered pieces of a store.
 struct StoredPieces {
@@ -127,11 +127,7 @@ pub fn stored_components(
 
 /// Pieces of a solid on the disk that are to be removed, brick by brick.
 pub struct StoredRemoval {
-    side: Side,
-    /// Numbers of the parts that go, by leaf.
-    parts: HashMap<Coord, Vec<u16>>,
-    /// Blocks that hold such a leaf.
-    blocks: Vec<Coord>,
+    chosen: Chosen,
     dropped: Dropped,
 }
 
@@ -148,33 +144,12 @@ impl StoredRemoval {
     ) -> Result<Self, FileError> {
         let side = unwanted.side();
         let found = StoredPieces::find(store, side, voxel_size, true, session)?;
-        let (chosen, dropped) = unwanted.choose(&found.ranking);
-        let (mut parts, mut blocks) = (HashMap::new(), Vec::new());
-        for (origin, (first, labels)) in found.blocks {
-            let before = parts.len();
-            labels.for_each_leaf(|place, components| {
-                let goes = |&n: &usize| {
-                    let piece = found.ranking.piece_of[first + components[n] as usize];
-                    chosen.get(piece) == Some(&true)
-                };
-                let own: Vec<u16> = (0..components.len())
-                    .filter(goes)
-                    .map(|n| n as u16)
-                    .collect();
-                if !own.is_empty() {
-                    parts.insert(leaf_at(origin, place), own);
-                }
-            });
-            if parts.len() > before {
-                blocks.push(origin);
-            }
+        let (goes, dropped) = unwanted.choose(&found.ranking);
+        let mut chosen = Chosen::new(side);
+        for &block in found.blocks.keys() {
+            chosen.enter(&found, block, |piece| goes.get(piece) == Some(&true));
         }
-        Ok(Self {
-            side,
-            parts,
-            blocks,
-            dropped,
-        })
+        Ok(Self { chosen, dropped })
     }
 
     /// How much is removed.
@@ -184,7 +159,8 @@ impl StoredRemoval {
 
     /// Whether anything that is removed comes near a region.
     pub fn meets(&self, region: Region) -> bool {
-        self.blocks.iter().any(|&block| region.meets(block, BLOCK))
+        let mut blocks = self.chosen.blocks.iter();
+        blocks.any(|&block| region.meets(block, BLOCK))
     }
 
     /// Removes it from a part of the solid whose voxel (0, 0, 0) is `first` of the whole. The part must
@@ -199,11 +175,6 @@ impl StoredRemoval {
         first: Coord,
         session: Session<'_>,
     ) -> Result<(), VdbError> {
-        let chosen = |leaf: &LeafView<'_>| {
-            let origin = leaf.origin.offset(first[0], first[1], first[2]);
-            let numbers = self.parts.get(&origin);
-            numbers.map_or([0; 8], |numbers| parts_of(leaf, self.side, numbers))
-        };
-        part.remove_chosen(self.side, chosen, session)
+        self.chosen.remove(part, first, session)
     }
 }

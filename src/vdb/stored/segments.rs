@@ -1,15 +1,14 @@
 //! The pieces of a solid on the disk one by one: what is left when all the others are removed.
 
-use super::super::bits::{self, Bits};
 use super::super::drop::rings;
-use super::super::leaves::LeafView;
-use super::super::pieces::{Part, Side};
+use super::super::pieces::Side;
 use super::super::segments::surroundings;
 use super::super::{FileError, LevelSet, Session, VdbError};
 use super::StoredPieces;
+use super::chosen::{Chosen, leaf_at};
 use crate::band::{BLOCK, LEAF, LeafStore, Region};
 use crate::frame::Coord;
-use std::collections::{BTreeSet, HashMap};
+use std::collections::BTreeSet;
 
 /// The pieces of a solid on the disk, the largest first, as [`LevelSet::segments`] has them.
 pub struct StoredSegments {
@@ -25,8 +24,8 @@ pub struct StoredSegment<'a> {
     own: &'a [Coord],
     /// Leaves beyond these in which its band can be.
     rings: i32,
-    /// Numbers of the parts of others, by leaf near it.
-    others: HashMap<Coord, Vec<u16>>,
+    /// Parts of others near it.
+    others: Chosen,
 }
 
 impl StoredSegments {
@@ -81,23 +80,9 @@ impl StoredSegments {
         let cubes: BTreeSet<Coord> = own.iter().map(|leaf| leaf.aligned(edge)).collect();
         let around = |cube: Coord| Region::cube(cube, edge).grown(edge).cubes(BLOCK);
         let near: BTreeSet<Coord> = cubes.into_iter().flat_map(around).collect();
-        let mut others = HashMap::new();
+        let mut others = Chosen::new(Side::Solid);
         for block in near {
-            let Some((first, labels)) = self.found.blocks.get(&block) else {
-                continue;
-            };
-            labels.for_each_leaf(|place, components| {
-                let is_other = |&n: &usize| {
-                    self.found.ranking.piece_of[first + components[n] as usize] != piece
-                };
-                let those: Vec<u16> = (0..components.len())
-                    .filter(is_other)
-                    .map(|n| n as u16)
-                    .collect();
-                if !those.is_empty() {
-                    others.insert(leaf_at(block, place), those);
-                }
-            });
+            others.enter(&self.found, block, |other| other != piece);
         }
         StoredSegment {
             own,
@@ -135,27 +120,6 @@ impl StoredSegment<'_> {
         first: Coord,
         session: Session<'_>,
     ) -> Result<(), VdbError> {
-        let chosen = |leaf: &LeafView<'_>| {
-            let origin = leaf.origin.offset(first[0], first[1], first[2]);
-            let numbers = self.others.get(&origin);
-            numbers.map_or([0; 8], |numbers| parts_of(leaf, Side::Solid, numbers))
-        };
-        part.remove_chosen(Side::Solid, chosen, session)
+        self.others.remove(part, first, session)
     }
-}
-
-/// The voxels of those parts of a leaf that have these numbers.
-pub(super) fn parts_of(leaf: &LeafView<'_>, side: Side, numbers: &[u16]) -> Bits {
-    let mut out: Bits = [0; 8];
-    let parts = Part::all_of(leaf, side);
-    for part in numbers.iter().filter_map(|&n| parts.get(usize::from(n))) {
-        bits::add(&mut out, &part.bits);
-    }
-    out
-}
-
-/// The leaf at a place of a block.
-pub(super) fn leaf_at(block: Coord, place: u16) -> Coord {
-    let at = |shift: u16| i32::from(place >> shift & 15) * LEAF;
-    block.offset(at(8), at(4), at(0))
 }

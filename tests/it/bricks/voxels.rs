@@ -16,10 +16,15 @@ fn recipe(ops: &str) -> Recipe {
     Recipe::parse(&format!("{SOLID}{ops}{FILES}"), &[]).unwrap()
 }
 
-/// Runs a recipe in memory and in bricks of these sizes, which must say the same.
-fn same(recipe: &Recipe, out: &Path, bricks: &[u32]) -> Report {
+/// Whether the long series are run.
+fn is_full() -> bool {
+    std::env::var_os("DRUSE_FULL").is_some()
+}
+
+/// Runs a recipe in memory and in bricks, which must say the same; in the long series of two sizes.
+fn same(recipe: &Recipe, out: &Path) -> Report {
     let whole = run(recipe, &options(out, None, 2), &Silent).unwrap();
-    for &edge in bricks {
+    for edge in 1..=1 + u32::from(is_full()) {
         let parts = run(recipe, &options(out, Some(edge), 1), &Silent).unwrap();
         assert_eq!(hashes(&whole), hashes(&parts), "bricks of {edge}");
         assert_eq!(whole.band.voxel_size, parts.band.voxel_size);
@@ -44,7 +49,7 @@ fn a_solid_is_put_on_other_voxels_in_bricks_as_in_memory() {
         // Far from where it was, turned, and joined with what lies nowhere near the old bricks.
         "[[op]]\nresample = { scale = 1.5, rotate = [20, 0, 35], translate = [31, -4, 7] }\n[[op]]\nunion = { sphere = { centre = [60, 0, 0], radius = 3 } }\n[[op]]\nkeep_largest = true\n".to_owned(),
     ];
-    if std::env::var_os("DRUSE_FULL").is_some() {
+    if is_full() {
         all.extend([
             format!("{finer}{coarser}"),
             "[[op]]\nresample = { half_width = 5 }\n[[op]]\nresample = { voxel_size = 0.4, half_width = 2 }\n".to_owned(),
@@ -52,7 +57,7 @@ fn a_solid_is_put_on_other_voxels_in_bricks_as_in_memory() {
         ]);
     }
     for ops in all {
-        same(&recipe(&ops), directory.path(), &[1, 2]);
+        same(&recipe(&ops), directory.path());
     }
 }
 
@@ -61,8 +66,8 @@ fn a_brick_of_coarser_voxels_is_made_from_as_much_as_one_of_fine_ones() {
     // Thirty voxels of the old in one of the new: the first bricks' edge is more than all of it.
     let directory = tempfile::tempdir().unwrap();
     let ops = "[[op]]\nresample = 1.1\n";
-    let report = same(&recipe(ops), directory.path(), &[1, 3]);
-    let exact = same(&recipe(""), directory.path(), &[1]).solid.volume;
+    let report = same(&recipe(ops), directory.path());
+    let exact = same(&recipe(""), directory.path()).solid.volume;
     assert!((report.solid.volume / exact - 1.0).abs() < 0.05);
 }
 
@@ -72,7 +77,7 @@ fn coarser_copies_are_made_in_bricks_as_in_memory() {
     // The last ones have voxels as large as the ball, and may be empty.
     let extra = "[[output]]\nvdb = \"lod.vdb\"\nunit = \"mm\"\nlod = 8\ngrids = [\"density\"]\n[[output]]\nvdb = \"two.vdb\"\nlod = 2\nusda = true\n";
     let recipe = Recipe::parse(&format!("{SOLID}{FILES}{extra}"), &[]).unwrap();
-    let whole = same(&recipe, directory.path(), &[1, 2]);
+    let whole = same(&recipe, directory.path());
     assert_eq!(hashes(&whole).len(), 3);
     let threads = Threads::new(2).unwrap();
     let session = Session::new(&threads, &Silent);
@@ -111,14 +116,14 @@ fn a_level_set_of_a_file_goes_through_bricks_as_it_is() {
         Recipe::parse(&text, &[]).unwrap()
     };
     let out = directory.path().join("out");
-    let untouched = same(&filtered(""), &out, &[1, 2]);
+    let untouched = same(&filtered(""), &out);
     assert_eq!(untouched.band.active_voxels, first.band.active_voxels);
     assert_eq!(untouched.solid.volume, first.solid.volume);
     let mut all = vec![
         "[[op]]\nmean = 1\n[[op]]\nsubtract = { sphere = { centre = [7, 0, 0], radius = 2 } }\n",
         "[[op]]\nresample = 0.4\n[[op]]\ndilate = 0.5\n",
     ];
-    if std::env::var_os("DRUSE_FULL").is_some() {
+    if is_full() {
         all.extend([
             "[[op]]\nerode = 0.5\n[[op]]\nkeep_largest = true\n",
             "[[op]]\nblend = { with = { sphere = { radius = 4, centre = [6, 0, 0] } }, radius = 0.4 }\n",
@@ -126,7 +131,7 @@ fn a_level_set_of_a_file_goes_through_bricks_as_it_is() {
         ]);
     }
     for ops in all {
-        same(&filtered(ops), &out, &[1]);
+        same(&filtered(ops), &out);
     }
 }
 
