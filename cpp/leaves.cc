@@ -6,6 +6,7 @@
 #include <openvdb/tools/Prune.h>
 
 #include <algorithm>
+#include <cmath>
 
 using namespace openvdb;
 
@@ -160,13 +161,22 @@ void grid_values(const Grid& handle, rust::Slice<const std::int32_t> voxels, rus
 
 namespace {
 
-// Whether the voxels around so many points are few enough that to copy them all takes less than to look for those of
-// each point.
-bool is_worth_copying(const CoordBBox& around, std::size_t points) {
+// The voxels around some points, if they are so few that to copy them all takes less than to look for those of each
+// point; none otherwise, nor where a point lies beyond the numbers that voxels have.
+CoordBBox worth_copying(const std::vector<Vec3d>& points) {
   constexpr std::size_t kEach = 64, kFewest = 8;
+  constexpr double kFarthest = 1e9;
   constexpr int kEdge = 1024;
-  if (points < kFewest || around.empty() || around.dim()[around.maxExtent()] > kEdge) return false;
-  return around.volume() <= kEach * points;
+  if (points.size() < kFewest) return {};
+  CoordBBox around;
+  for (const Vec3d& point : points) {
+    for (int axis = 0; axis < 3; ++axis)
+      if (!(std::abs(point[axis]) < kFarthest)) return {};
+    around.expand(Coord::floor(point));
+  }
+  if (around.dim()[around.maxExtent()] > kEdge || around.volume() > kEach * points.size()) return {};
+  around.expand(2);
+  return around;
 }
 
 }  // namespace
@@ -175,17 +185,13 @@ void grid_samples(const Grid& handle, rust::Slice<const double> points, bool qua
   if (points.size() != 3 * values.size()) throw std::invalid_argument("points and values disagree in number");
   const auto& grid = floats(handle);
   std::vector<Vec3d> at(values.size());
-  CoordBBox around;
-  for (std::size_t n = 0; n < at.size(); ++n) {
+  for (std::size_t n = 0; n < at.size(); ++n)
     at[n] = grid.worldToIndex(Vec3d(points[3 * n], points[3 * n + 1], points[3 * n + 2]));
-    around.expand(Coord::floor(at[n]));
-  }
   const auto sample = [&](const auto& voxels) {
     for (std::size_t n = 0; n < at.size(); ++n)
       values[n] = quadratic ? tools::QuadraticSampler::sample(voxels, at[n]) : tools::BoxSampler::sample(voxels, at[n]);
   };
-  if (is_worth_copying(around, at.size())) {
-    around.expand(2);
+  if (const CoordBBox around = worth_copying(at); !around.empty()) {
     tools::Dense<float> voxels(around);
     tools::copyToDense(grid.tree(), voxels, /*serial=*/true);
     sample(voxels);

@@ -85,7 +85,7 @@ pub use memory::{peak_memory, resident_memory};
 pub use pieces::Piece;
 pub use render::{Image, Picture};
 pub use render_parts::{VisitPart, render_parts};
-pub use sampled::{Placement, Sampled};
+pub use sampled::{MOST_FINER, Placement, Sampled};
 pub use shape::{Mask, WallSide};
 pub use stored::{StoredRemoval, StoredSegments, stored_components};
 pub use stream::{StoredFog, Streamed};
@@ -106,8 +106,8 @@ pub enum Scheme {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Tools {
     /// [`Smoother`](crate::band::Smoother) for means, Gaussians and Laplacian flow, and
-    /// [`SurfacePoints`](crate::band::SurfacePoints) for moves by a distance, several times faster: for
-    /// [`Scheme::First`]. All else is OpenVDB's.
+    /// [`SurfacePoints`](crate::band::SurfacePoints) for moves by a distance and for wider bands, several
+    /// times faster: for [`Scheme::First`]. All else is OpenVDB's.
     #[default]
     Own,
     /// OpenVDB's: for level sets whose band may be other than this crate's.
@@ -191,7 +191,7 @@ impl LevelSet {
         self.transform.voxel_size()
     }
 
-    /// World position of voxel (0, 0, 0): zero for all that Druse makes.
+    /// World position of voxel (0, 0, 0): zero for all that runs make.
     pub fn origin(&self) -> Vec3 {
         self.origin
     }
@@ -271,8 +271,11 @@ impl LevelSet {
             .map_err(|e| VdbError::of("measuring", session, &e))
     }
 
-    /// Puts voxel (0, 0, 0) at a place of the world; all voxels come along.
-    pub(crate) fn place_at(&mut self, origin: Vec3) -> Result<(), VdbError> {
+    /// Puts voxel (0, 0, 0) at a place of the world, world units; all voxels come along.
+    ///
+    /// # Errors
+    /// Only what OpenVDB itself refuses.
+    pub fn place_at(&mut self, origin: Vec3) -> Result<(), VdbError> {
         let voxel = self.voxel_size();
         ffi::grid_place(self.grid.pin_mut(), voxel, &origin.into())
             .map_err(|e| VdbError::plain("placing", &e))?;

@@ -247,17 +247,18 @@ fn on_other_voxels(stock: &Stock, counts: Counts) -> Counts {
         let Op::Resample(op) = op else {
             continue;
         };
-        let way = on.resampled(op);
-        let finer = way.factor().powi(-2);
-        let leaves = now.leaves * way.leaves();
-        now = Counts {
-            leaves,
-            most: now.most.max(leaves),
-            active: now.active * finer * way.to.half_width / way.from.half_width,
-            points: now.points * finer,
-            blocks: now.blocks * finer.max(1.0),
-            ..now
-        };
+        for way in on.ways(op) {
+            let finer = way.factor().powi(-2);
+            let leaves = now.leaves * way.leaves();
+            now = Counts {
+                leaves,
+                most: now.most.max(leaves),
+                active: now.active * finer * way.to.half_width / way.from.half_width,
+                points: now.points * finer,
+                blocks: now.blocks * finer.max(1.0),
+                ..now
+            };
+        }
     }
     now
 }
@@ -269,7 +270,7 @@ fn later<'a>(stock: &'a Stock) -> impl Iterator<Item = (&'a Op, Voxels)> {
     ops.skip(stock.pointwise()).map(move |op| {
         let on = voxels;
         if let Op::Resample(resample) = op {
-            voxels = on.resampled(resample).to;
+            voxels = on.resampled(resample);
         }
         (op, on)
     })
@@ -354,7 +355,7 @@ fn predict(stock: &Stock, threads: &Threads, c: &Counts) -> Estimate {
     let mut on_last = Voxels::first(stock);
     for (op, on) in later(stock) {
         if let Op::Resample(resample) = op {
-            on_last = on.resampled(resample).to;
+            on_last = on.resampled(resample);
         }
         let (copies, ns) = cost(op, on);
         peak = peak.max(tree * (1.0 + copies));

@@ -4,7 +4,7 @@ use super::error::RunError;
 use super::report::SolidReport;
 use super::shape::{Shape, operation_shape, trim_box};
 use super::stock::Stock;
-use super::volumes::resample_placement;
+use super::voxels::Voxels;
 use crate::band::{Band, BandStats, Region};
 use crate::frame::{Aabb, Transform};
 use crate::progress::{Progress, Threads};
@@ -272,14 +272,17 @@ fn resample(
     solid: &mut LevelSet,
     failed: &impl Fn(VdbError) -> RunError,
 ) -> Result<(), RunError> {
-    let session = bench.session();
-    let placement = resample_placement(op, bench.scale);
-    if let Some(size) = op.voxel_size {
-        bench.scale.voxel_size = size.resolve(bench.scale);
+    let on = Voxels {
+        scale: bench.scale,
+        half_width: bench.half_width,
+        are_of_file: bench.tools == Tools::OpenVdb,
+    };
+    for way in on.ways(op) {
+        bench.scale = way.to.scale;
+        bench.half_width = way.to.half_width;
+        let transform = bench.transform()?;
+        let made = solid.resampled(transform, bench.half_width, way.placement, bench.session());
+        *solid = made.map_err(failed)?;
     }
-    bench.half_width = op.half_width.map_or(bench.half_width, |w| w.0);
-    *solid = solid
-        .resampled(bench.transform()?, bench.half_width, placement, session)
-        .map_err(failed)?;
     Ok(())
 }

@@ -67,6 +67,8 @@ impl Volumes {
             }
             let scale = recipe.scale();
             compare_voxels(inputs, grid, &solid, &stage, own.scale)?;
+            let solid = solid.no_finer_than(scale.voxel_size / own.scale, session);
+            let solid = solid.map_err(&failed)?;
             let reach = recipe.sections().band.half_width.0 * scale.voxel_size;
             let field = Sampled::new(solid, reach, own, session).map_err(&failed)?;
             inputs.record(&stage, &path, field.bounds())?;
@@ -259,7 +261,17 @@ fn compare_voxels(
     if grid.same_voxels {
         return Err(RunError::Voxels(message));
     }
-    inputs.warn(Warning::RESAMPLED, format!("{message}: resampled"))
+    let bounds = solid.bounds().map_err(RunError::level_set(stage))?;
+    let size = bounds.size().max() * factor;
+    let note = if size < scale.voxel_size {
+        format!(
+            "; all of it spans {} {unit}, less than a voxel: is its unit right?",
+            super::error::short(size)
+        )
+    } else {
+        String::new()
+    };
+    inputs.warn(Warning::RESAMPLED, format!("{message}: resampled{note}"))
 }
 
 /// The placement of `[[op]] resample`.

@@ -3,7 +3,7 @@
 use super::stock::Stock;
 use super::volumes::resample_placement;
 use crate::recipe::{Resample, Scale};
-use crate::vdb::Placement;
+use crate::vdb::{MOST_FINER, Placement};
 
 /// Voxels beside a point that its value is made of, where a level set is resampled.
 pub(super) const PARABOLA: f64 = 2.0;
@@ -36,8 +36,26 @@ impl Voxels {
         }
     }
 
+    /// How an operation resamples. Voxels much finer than the new ones are doubled before: a band as wide as
+    /// the new one would be too many of them.
+    pub fn ways(self, op: &Resample) -> Vec<Resampling> {
+        let mut last = self.way(op);
+        let mut all = Vec::new();
+        while last.factor() >= MOST_FINER {
+            let double = last.from.coarser();
+            last.from = double.to;
+            all.push(double);
+        }
+        all.push(last);
+        all
+    }
+
     /// Where an operation resamples to.
-    pub fn resampled(self, op: &Resample) -> Resampling {
+    pub fn resampled(self, op: &Resample) -> Self {
+        self.way(op).to
+    }
+
+    fn way(self, op: &Resample) -> Resampling {
         let edge = op.voxel_size.map(|size| size.resolve(self.scale));
         let voxel_size = edge.unwrap_or(self.scale.voxel_size);
         Resampling {

@@ -232,7 +232,8 @@ impl Short for Fillet {
     }
 }
 
-/// Other voxels, another place: scale, then rotation about x, y, z, then shift, then sampling.
+/// Other voxels, another place: scale, then rotation about x, y, z, then shift, then sampling. Voxels of at most
+/// a quarter of the new ones' edge are doubled first.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Resample {

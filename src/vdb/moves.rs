@@ -23,7 +23,7 @@ struct Rebuild {
 }
 
 impl LevelSet {
-    /// Whether the surface is moved by own hands.
+    /// Whether distances are rebuilt by own hands, where the surface moves or the band widens.
     pub(super) fn moves_by_points(&self, session: Session<'_>) -> bool {
         session.scheme == Scheme::First
             && session.tools == Tools::Own

@@ -68,6 +68,11 @@ pub struct Sampled {
     blocks: Ranges,
 }
 
+/// From so many voxels along the edge of a new one on, they are doubled before a level set is resampled:
+/// what is finer than half a new voxel does not show, and its band would have to be widened to many times
+/// its width.
+pub const MOST_FINER: f64 = 4.0;
+
 /// Factor on values beyond the band.
 const FAR: f32 = 64.0;
 /// Most cubes that a bound looks at one by one.
@@ -245,6 +250,21 @@ impl Field for Sampled {
 }
 
 impl LevelSet {
+    /// The same solid on voxels of twice, four times ... the edge, until fewer than [`MOST_FINER`] of them
+    /// go along an edge of `voxel` (world units).
+    ///
+    /// # Errors
+    /// As [`LevelSet::resampled`].
+    pub fn no_finer_than(mut self, voxel: f64, session: Session<'_>) -> Result<Self, VdbError> {
+        while voxel >= MOST_FINER * self.voxel_size() {
+            let Some(transform) = Transform::new(2.0 * self.voxel_size()) else {
+                break;
+            };
+            self = self.resampled(transform, self.half_width(), Placement::NONE, session)?;
+        }
+        Ok(self)
+    }
+
     /// The same solid, placed elsewhere, on voxels of another size whose corner is the world's origin.
     ///
     /// # Errors

@@ -81,26 +81,28 @@ impl LevelSet {
         session: Session<'_>,
     ) -> Result<Self, VdbError> {
         let origins = || own.iter().map(|&n| index.leaves[n].origin);
-        let others = cubes.around(origins()).into_iter();
-        let others = others.map(|leaf| (leaf, found.others_in(leaf, piece)));
+        let near = cubes.around(origins());
+        let others = near.iter().map(|&n| (n, found.others_in(n, piece)));
         let edit = Removal::new(self, index, Side::Solid, others).edit();
         let edited: BTreeMap<Coord, usize> =
             edit.origins.iter().map(|o| Coord(*o)).zip(0..).collect();
-        let mut blocks: BTreeMap<Coord, LeafBatch> = BTreeMap::new();
         let rings = LEAF * rings(self.half_width());
-        let around = |leaf: Coord| Region::cube(leaf, LEAF).grown(rings).cubes(LEAF);
-        let kept: BTreeSet<Coord> = origins().flat_map(around).collect();
-        for origin in kept {
-            let Some(number) = index.leaf(origin) else {
-                continue;
-            };
-            let (mask, values): (Bits, &[f32; 512]) = match edited.get(&origin) {
+        let is_own = |leaf: &usize| own.binary_search(leaf).is_ok();
+        let is_beside = |leaf: &usize| {
+            let around = Region::cube(index.leaves[*leaf].origin, LEAF).grown(rings);
+            let mut leaves = around.cubes(LEAF).filter_map(|o| index.leaf(o));
+            leaves.any(|other| is_own(&other))
+        };
+        let mut blocks: BTreeMap<Coord, LeafBatch> = BTreeMap::new();
+        for &number in near.iter().filter(|n| is_own(n) || is_beside(n)) {
+            let leaf = &index.leaves[number];
+            let (mask, values): (Bits, &[f32; 512]) = match edited.get(&leaf.origin) {
                 Some(&n) => (edit.masks[n], &edit.values[n]),
-                None => (index.leaves[number].mask, index.leaves[number].values),
+                None => (leaf.mask, leaf.values),
             };
             if !bits::is_empty(&mask) {
-                let batch = blocks.entry(origin.aligned(BLOCK)).or_default();
-                batch.push(origin, mask, values);
+                let batch = blocks.entry(leaf.origin.aligned(BLOCK)).or_default();
+                batch.push(leaf.origin, mask, values);
             }
         }
         let builder = LevelSetBuilder::new(self.transform, self.half_width)?;

@@ -466,7 +466,7 @@ fn read_damaged(format: &Format, cases: usize) {
 #[test]
 fn damaged_files_give_one_clear_error() {
     let full = std::env::var_os("DRUSE_FULL").is_some();
-    let cases = if full { 500 } else { 25 };
+    let cases = if full { 500 } else { 16 };
     if let Ok(name) = std::env::var("DRUSE_MALFORMED") {
         let format = formats().into_iter().find(|f| f.name == name).unwrap();
         return read_damaged(&format, cases);

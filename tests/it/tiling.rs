@@ -129,7 +129,7 @@ fn culling_never_misses_a_leaf_on_random_cells_and_maps() {
     let threads = Threads::new(2).unwrap();
     let (mut touched, mut kept, mut all) = (0, 0, 0);
     let is_full = std::env::var_os("DRUSE_FULL").is_some();
-    let pairs = if is_full { 220 } else { 110 };
+    let pairs = if is_full { 220 } else { 55 };
     for pair in 0..pairs {
         let kind = kinds[pair % kinds.len()];
         let cell = Cosines::random(kind.shape(), &mut noise);

@@ -111,6 +111,19 @@ fn solids_of_files_combine_and_other_voxels_are_resampled_with_a_notice() {
     assert_eq!(both["warnings"][0]["code"], "W111");
     let same = "filter a.vdb -o none.vdb union={vdb={path=\"fine.vdb\",same_voxels=true}}";
     place.refuse(same, 65, &["voxels of 0.0003 m", "0.0004 m", "same_voxels"]);
+    // Taken for a thousandth of what it is: smaller than a voxel.
+    let tiny = "filter a.vdb -o d.vdb subtract={vdb={path=\"fine.vdb\",unit=\"mm\"}}";
+    let whole = place.json(tiny);
+    assert!((volume(&whole) / ball(5e-3) - 1.0).abs() < 0.01, "{whole}");
+    let warnings = whole["warnings"].as_array().unwrap();
+    let asks = |w: &Value| {
+        w["code"] == "W111"
+            && w["message"]
+                .as_str()
+                .unwrap()
+                .contains("is its unit right?")
+    };
+    assert!(warnings.iter().any(asks), "{whole}");
 }
 
 #[test]

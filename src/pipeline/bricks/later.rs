@@ -12,6 +12,7 @@ use crate::band::{
     LeafFileError, LeafFileHead, LeafSink, LeafStore, Region, SinkError, StoreError,
 };
 use crate::frame::Coord;
+use crate::progress::Progress;
 use crate::vdb::{FileError, LevelSet, LevelSetBuilder, StoredRemoval, Unwanted, VdbError};
 use std::path::{Path, PathBuf};
 
@@ -54,7 +55,10 @@ impl Yard<'_> {
                 solid.store = self.open(plan, &files, pass.ops.end)?;
             }
             let last = pass.ops.end - 1;
-            clock.lap(&format!("op.{last}.{}", ops[last].name()))?;
+            let goes_on = |next: &Pass| next.ops == pass.ops;
+            if !self.passes.get(number + 1).is_some_and(goes_on) {
+                clock.lap(&format!("op.{last}.{}", ops[last].name()))?;
+            }
         }
         Ok(solid)
     }
@@ -68,7 +72,7 @@ impl Yard<'_> {
 
     /// Opens leaf files that hold the solid after so many operations.
     fn open(&self, plan: Option<&Path>, files: &Files, ops: usize) -> Result<LeafStore, RunError> {
-        let store = self.store(plan, files)?;
+        let store = self.store(plan, files, self.progress)?;
         if store.leaves() == 0 {
             return Err(RunError::Empty(match ops {
                 0 => "sampling".into(),
@@ -79,8 +83,13 @@ impl Yard<'_> {
     }
 
     /// Opens leaf files.
-    pub fn store(&self, plan: Option<&Path>, files: &Files) -> Result<LeafStore, RunError> {
-        let store = LeafStore::open(files.clone(), self.threads, self.progress);
+    pub fn store(
+        &self,
+        plan: Option<&Path>,
+        files: &Files,
+        progress: &dyn Progress,
+    ) -> Result<LeafStore, RunError> {
+        let store = LeafStore::open(files.clone(), self.threads, progress);
         store.map_err(|e| match e {
             StoreError::Unfit(faults) => unfit(self, plan, &faults),
             e => RunError::File(FileError::from(e)),

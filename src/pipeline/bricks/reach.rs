@@ -45,25 +45,26 @@ pub(crate) fn passes(stock: &Stock) -> Vec<Pass> {
         passes.push(together(start..start, ops, voxels));
     }
     for (n, op) in ops.iter().enumerate().skip(start) {
-        let (does, halo) = match (op, unwanted(op)) {
+        let all = match (op, unwanted(op)) {
             (Op::Resample(resample), _) => {
-                let found = voxels.resampled(resample);
-                (Does::Resampling(found), found.halo())
+                let ways = voxels.ways(resample).into_iter();
+                ways.map(|w| (Does::Resampling(w), w.halo())).collect()
             }
-            (_, Some(unwanted)) => (Does::Removal(unwanted), removal_halo(voxels.half_width)),
+            (_, Some(unwanted)) => {
+                vec![(Does::Removal(unwanted), removal_halo(voxels.half_width))]
+            }
             (_, None) => continue,
         };
         if passes.is_empty() || start < n {
             passes.push(together(start..n, ops, voxels));
         }
-        if let Does::Resampling(found) = does {
-            voxels = found.to;
+        for (does, halo) in all {
+            if let Does::Resampling(way) = does {
+                voxels = way.to;
+            }
+            let ops = n..n + 1;
+            passes.push(Pass { ops, halo, does });
         }
-        passes.push(Pass {
-            ops: n..n + 1,
-            halo,
-            does,
-        });
         start = n + 1;
     }
     if passes.is_empty() || start < ops.len() {

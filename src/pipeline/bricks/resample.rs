@@ -25,7 +25,7 @@ impl Yard<'_> {
             self.resample(number, &way, finer, &bricks)?;
             let files = self.files(number, &bricks);
             // A copy may be empty: what is thinner than its voxels is not in it.
-            let store = self.store(None, &files)?;
+            let store = self.store(None, &files, self.progress)?;
             copies.push(StoredSolid { bricks, store });
         }
         Ok(copies)

@@ -6,6 +6,7 @@ use super::reach::{coarser_copies, removal_halo};
 use super::solid::{Bricks, StoredSolid};
 use super::{Quiet, Yard, crop_those};
 use crate::band::{BLOCK, Region};
+use crate::progress::Cancelled;
 use crate::vdb::StoredSegments;
 
 /// Blocks of a piece that go through bricks of one block each, so that no more is read than it needs.
@@ -18,7 +19,8 @@ impl Yard<'_> {
         let quiet = Quiet(self.progress);
         let bench = bricks.bench(self, &quiet);
         let voxels = (bench.scale.voxel_size, bench.half_width);
-        let found = StoredSegments::find(store, voxels, bench.session())?;
+        let loud = bricks.bench(self, self.progress).session();
+        let found = StoredSegments::find(store, voxels, loud)?;
         let first = self.passes.len() + usize::from(coarser_copies(self.stock.recipe));
         let halo = removal_halo(bench.half_width);
         self.progress.stage("segments", Some(found.len() as u64));
@@ -34,6 +36,9 @@ impl Yard<'_> {
             let regions = blocks.iter().map(|&b| Region::cube(b, BLOCK));
             let own = Bricks::around(bricks.voxels, edge, regions);
             for brick in 0..own.len() {
+                if self.progress.cancelled() {
+                    return Err(Cancelled.into());
+                }
                 self.make_file((first + piece, &own), brick, |writer| {
                     let region = own.region(brick);
                     let grown = region.grown(halo);
@@ -46,7 +51,7 @@ impl Yard<'_> {
             }
             let files = self.files(first + piece, &own);
             pieces.push(StoredSolid {
-                store: self.store(None, &files)?,
+                store: self.store(None, &files, &quiet)?,
                 bricks: own,
             });
             self.progress.advance(1);

@@ -101,9 +101,16 @@ pub(super) fn cost(op: &Op, on: Voxels) -> (f64, f64) {
         Op::Fillet(f) => (2.0, 400.0 * steps(&f.radius)),
         // A copy whose band is wider, as leaves and in the tree.
         Op::Resample(r) => {
-            let way = on.resampled(r);
-            let old = way.factor().powi(2);
-            (2.0 * way.growth(), WIDENING * way.growth() * old + 360.0)
+            let ways = on.ways(r);
+            let copies = ways.iter().map(|w| 2.0 * w.growth()).fold(0.0, f64::max);
+            // Counted by the last voxels, of which there are fewest where they get coarser.
+            let (mut ns, mut more) = (0.0, 1.0);
+            for way in ways.iter().rev() {
+                let old = more * way.factor().powi(2);
+                ns += WIDENING * way.growth() * old + 360.0 * more;
+                more = old;
+            }
+            (copies, ns)
         }
         Op::Trim(_) | Op::Prune(_) => (0.2, 20.0),
         Op::Fog(_) => (1.0, 20.0),

@@ -2,10 +2,10 @@
 
 use super::runs::{hashes, options};
 use druse::frame::{Vec3, WorldPoint};
-use druse::pipeline::{Report, RunOptions, brick_plan, make_bricks, merge_bricks, run};
+use druse::pipeline::{Report, RunError, RunOptions, brick_plan, make_bricks, merge_bricks, run};
 use druse::progress::{Silent, Threads};
 use druse::recipe::Recipe;
-use druse::vdb::{LevelSet, Session, Volume};
+use druse::vdb::{LevelSet, Session, VdbWriter, Volume};
 use std::path::Path;
 
 /// A ball with a bite, across the origin, 70 voxels a side.
@@ -46,6 +46,8 @@ fn a_solid_is_put_on_other_voxels_in_bricks_as_in_memory() {
     let mut all = vec![
         finer.to_owned(),
         coarser.to_owned(),
+        // Six times as coarse: by way of voxels between.
+        "[[op]]\nresample = 1.2\n[[op]]\ndilate = 1.2\n".to_owned(),
         // Far from where it was, turned, and joined with what lies nowhere near the old bricks.
         "[[op]]\nresample = { scale = 1.5, rotate = [20, 0, 35], translate = [31, -4, 7] }\n[[op]]\nunion = { sphere = { centre = [60, 0, 0], radius = 3 } }\n[[op]]\nkeep_largest = true\n".to_owned(),
     ];
@@ -133,6 +135,32 @@ fn a_level_set_of_a_file_goes_through_bricks_as_it_is() {
     for ops in all {
         same(&filtered(ops), &out);
     }
+}
+
+#[test]
+fn a_level_set_between_the_voxels_of_bricks_is_refused_and_run_in_memory() {
+    let directory = tempfile::tempdir().unwrap();
+    run(&recipe(""), &options(directory.path(), None, 1), &Silent).unwrap();
+    let threads = Threads::new(1).unwrap();
+    let session = Session::new(&threads, &Silent);
+    let path = directory.path().join("a.vdb");
+    let mut solid = LevelSet::read(&path, None, session).unwrap();
+    solid.place_at(Vec3::new(0.1, 0.0, 0.0)).unwrap();
+    let path = directory.path().join("off.vdb");
+    let mut file = VdbWriter::new(&path, session).unwrap();
+    file.level_set("surface", &solid).unwrap();
+    file.write().unwrap();
+    let text = format!(
+        "druse = 1\nunit = \"mm\"\n[band]\nvoxel_size = 0.2\n[[op]]\nunion = {{ vdb = {{ path = \"{}\" }} }}\n",
+        path.display()
+    );
+    let recipe = Recipe::parse(&text, &[]).unwrap();
+    let made = |bricks| run(&recipe, &options(directory.path(), bricks, 1), &Silent);
+    let error = made(Some(1)).unwrap_err();
+    assert!(matches!(error, RunError::Whole { .. }), "{error}");
+    assert!(error.to_string().contains("0.1, 0, 0"), "{error}");
+    let report = made(None).unwrap();
+    assert_eq!(report.band.active_voxels, solid.active_voxels().unwrap());
 }
 
 #[test]

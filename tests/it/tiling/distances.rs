@@ -10,42 +10,50 @@ use druse::tiling::{Boundary, CellField, Distance, TiledSolid, TilingOptions};
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
 
-/// Zero points of the tiled field, dense: sign changes along the lines of a grid in each element.
-fn zero_points(scaffold: &Scaffold, cell: &Cosines, n: usize) -> Vec<Vec3> {
+/// Zero points of a cell in its element, dense: sign changes along the lines of a grid.
+fn zeros_of(cell: &Cosines, n: usize) -> Vec<CellPoint<3>> {
     let mut points = Vec::new();
     let at = |i: usize| i as f64 / n as f64 - 0.5;
-    for element in scaffold.elements() {
-        for i in 0..=n {
-            for j in 0..=n {
-                for axis in 0..3 {
-                    let on_line = |t: f64| {
-                        let mut p = Vec3::zeros();
-                        p[axis] = t;
-                        p[(axis + 1) % 3] = at(i);
-                        p[(axis + 2) % 3] = at(j);
-                        CellPoint(p)
-                    };
-                    for k in 0..n {
-                        let (mut a, mut b) = (at(k), at(k + 1));
-                        if (cell.value(on_line(a)) < 0.0) == (cell.value(on_line(b)) < 0.0) {
-                            continue;
-                        }
-                        for _ in 0..30 {
-                            let m = f64::midpoint(a, b);
-                            if (cell.value(on_line(m)) < 0.0) == (cell.value(on_line(a)) < 0.0) {
-                                a = m;
-                            } else {
-                                b = m;
-                            }
-                        }
-                        let p = on_line(f64::midpoint(a, b));
-                        if element.shape().face_distance(p) <= 1e-9 {
-                            points.push(element.map(p).0);
+    let is_inside = |p| cell.value(p) < 0.0;
+    for i in 0..=n {
+        for j in 0..=n {
+            for axis in 0..3 {
+                let on_line = |t: f64| {
+                    let mut p = Vec3::zeros();
+                    p[axis] = t;
+                    p[(axis + 1) % 3] = at(i);
+                    p[(axis + 2) % 3] = at(j);
+                    CellPoint(p)
+                };
+                for k in 0..n {
+                    let (mut a, mut b) = (at(k), at(k + 1));
+                    let first = is_inside(on_line(a));
+                    if first == is_inside(on_line(b)) {
+                        continue;
+                    }
+                    for _ in 0..30 {
+                        let m = f64::midpoint(a, b);
+                        if is_inside(on_line(m)) == first {
+                            a = m;
+                        } else {
+                            b = m;
                         }
                     }
+                    points.push(on_line(f64::midpoint(a, b)));
                 }
             }
         }
+    }
+    points.retain(|&p| cell.element().face_distance(p) <= 1e-9);
+    points
+}
+
+/// The same of the tiled field.
+fn zero_points(scaffold: &Scaffold, cell: &Cosines, n: usize) -> Vec<Vec3> {
+    let zeros = zeros_of(cell, n);
+    let mut points = Vec::with_capacity(zeros.len() * scaffold.len());
+    for element in scaffold.elements() {
+        points.extend(zeros.iter().map(|&p| element.map(p).0));
     }
     points
 }

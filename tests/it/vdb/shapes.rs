@@ -1,7 +1,7 @@
 //! Laws of the operations that make a shape of a shape, against closed forms.
 
 use super::*;
-use druse::field::{Capsule, HalfSpace};
+use druse::field::{Capsule, HalfSpace, Sphere};
 use druse::vdb::{self, Mask, Placement, Sampled, Scheme, Tools, VdbWriter, Volume, WallSide};
 
 /// Largest error of the values as distances to a field, in voxels, where they are below `within`.
@@ -296,6 +296,23 @@ fn resampling_keeps_the_solid() {
 }
 
 #[test]
+fn fine_voxels_are_doubled_until_few_go_along_an_edge() {
+    for (voxel, edge) in [(0.99, 0.25), (1.0, 0.5), (2.5, 1.0)] {
+        let coarser = sphere(12.0, 0.25).no_finer_than(voxel, session()).unwrap();
+        assert_eq!(coarser.voxel_size(), edge);
+        let exact = Sphere {
+            centre: Vec3::zeros(),
+            radius: 12.0,
+        };
+        let error = distance_error(&coarser, &exact, edge);
+        assert!(error < 0.1, "{voxel}: {error} voxels");
+    }
+    // What is smaller than a voxel takes no time to be lost in one.
+    let lost = sphere(2.0, 0.25).no_finer_than(1e6, session()).unwrap();
+    assert!(lost.active_voxels().unwrap() < 512);
+}
+
+#[test]
 fn a_sampled_level_set_is_a_field_with_a_bound() {
     let field = Sampled::new(sphere(4.0, 0.25), 0.75, Placement::NONE, session()).unwrap();
     let mut state = 7u64;
@@ -399,4 +416,36 @@ fn attributes_and_half_floats_come_back_with_their_hash() {
     assert!(surface.half && surface.grid_type == "Tree_float_5_4_3");
     assert_eq!(uvw.grid_type, "Tree_vec3s_5_4_3");
     assert_eq!(uvw.active_voxels, surface.active_voxels);
+}
+
+#[test]
+fn samples_are_the_same_together_and_one_by_one() {
+    let solid = sphere(5.0, 0.25);
+    let near = (0..300).map(|n| {
+        let t = f64::from(n) * 0.01;
+        Vec3::new(4.2 + t, 0.7 * t, -0.3 * t)
+    });
+    let near: Vec<WorldPoint> = near.map(WorldPoint).collect();
+    // What lies beyond the numbers of voxels, or nowhere, does no harm to the others.
+    let mut wide = near.clone();
+    for far in [1e9, -1e300, f64::INFINITY, f64::NAN] {
+        wide.push(WorldPoint(Vec3::new(far, 0.0, 0.0)));
+    }
+    for points in [&near[..], &near[..9], &wide[..]] {
+        let together = solid.samples(points).unwrap();
+        for (p, v) in points.iter().zip(&together).take(near.len()) {
+            assert_eq!(solid.samples(&[*p]).unwrap(), [*v], "at {p:?}");
+        }
+    }
+    let field = Sampled::new(solid, 0.75, Placement::NONE, session()).unwrap();
+    let lattice = druse::field::SampleLattice {
+        origin: WorldPoint(Vec3::new(4.1, 0.3, -0.2)),
+        step: 0.17,
+        counts: [8; 3],
+    };
+    let mut together = vec![0.0; lattice.len()];
+    field.fill(&lattice, &mut together);
+    for (n, v) in together.iter().enumerate() {
+        assert_eq!(field.value(lattice.point(n)), f64::from(*v));
+    }
 }
