@@ -188,6 +188,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     if json {
         println!("{:#}", object(&found));
     } else {
+        println!("{}", workloads::baselines::processor());
         print!("{}", table(&found));
     }
     Ok(())
