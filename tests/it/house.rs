@@ -160,6 +160,22 @@ fn files_have_at_most_500_lines() {
     assert!(long.is_empty(), "{long:#?}");
 }
 
+/// A unit test is compiled with all that it reaches: of a run that is the whole program, a second time.
+#[test]
+fn unit_tests_run_no_recipes() {
+    for path in files(&root().join("src"), &["rs"]) {
+        let text = fs::read_to_string(&path).unwrap();
+        let tests = text.split_once("#[cfg(test)]").map_or("", |(_, t)| t);
+        for word in ["RunOptions", "cli::"] {
+            assert!(
+                !tests.contains(word),
+                "{}: {word} in a unit test; put it in tests/it",
+                path.display()
+            );
+        }
+    }
+}
+
 #[test]
 fn unsafe_stands_only_in_the_bridge() {
     for path in files(&root().join("src"), &["rs"]) {
