@@ -131,10 +131,8 @@ impl Spectrum {
                 turns.push(*q);
             }
         }
-        let keeps = |signs: [f64; 3]| {
-            let reversal = Mat3::from_diagonal(&signs.into());
-            operators.iter().any(|q| (q - reversal).amax() < 1e-9)
-        };
+        let has = |wanted: Mat3| operators.iter().any(|q| (q - wanted).amax() < 1e-9);
+        let keeps = |signs: [f64; 3]| has(Mat3::from_diagonal(&signs.into()));
         let even = |h: &[i32; 3], a: usize, b: usize| (h[a] + h[b]) % 2 == 0;
         let fold = Fold {
             mirrored: [
@@ -144,6 +142,10 @@ impl Spectrum {
             ],
             twofold: keeps([-1.0, -1.0, 1.0]) && keeps([1.0, -1.0, -1.0]),
             centred: D == 3 && terms.iter().all(|(h, _)| even(h, 0, 1) && even(h, 1, 2)),
+            exchanged: [
+                has(Mat3::new(0., 1., 0., 1., 0., 0., 0., 0., 1.)),
+                has(Mat3::new(1., 0., 0., 0., 0., 1., 0., 1., 0.)),
+            ],
         };
         Ok(Self {
             terms,

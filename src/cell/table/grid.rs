@@ -31,4 +31,6 @@ pub(super) struct Fold {
     pub twofold: bool,
     /// Nothing changes when half a period is added along any two axes.
     pub centred: bool,
+    /// Nothing changes when x and y are exchanged; when y and z are. Of use where both are folded alike.
+    pub exchanged: [bool; 2],
 }

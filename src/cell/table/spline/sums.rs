@@ -65,6 +65,8 @@ struct Slopes {
     weights: Weights,
     /// What makes slopes by spline cells those of the points, by axis.
     scales: [[f32; GROUP]; 3],
+    /// What made axes change places.
+    order: [[f32; GROUP]; 3],
 }
 
 impl Spline {
@@ -256,6 +258,7 @@ impl Spline {
                 for a in 0..3 {
                     let scale = lanes.mul(places.signs[a], lanes.splat(self.per_unit[a]));
                     lanes.store(scale, &mut to.scales[a]);
+                    lanes.store(places.order[a], &mut to.order[a]);
                 }
             }
             for (group, out) in groups.iter().zip(out.chunks_mut(GROUP)) {
@@ -264,12 +267,18 @@ impl Spline {
                     5.. => self.four_samples(lanes, group, 1, out.len() == 5),
                     _ => low,
                 };
-                let mut rows = [lanes.both(low[0], high[0]); 4];
+                let mut slopes = [lanes.both(low[1], high[1]); 3];
+                let mut order = slopes;
                 for a in 0..3 {
-                    let slopes = lanes.both(low[a + 1], high[a + 1]);
-                    rows[a + 1] = lanes.mul(slopes, lanes.load(&group.scales[a]));
+                    slopes[a] = lanes.both(low[a + 1], high[a + 1]);
+                    order[a] = lanes.load(&group.order[a]);
                 }
-                let all = lanes.by_place(rows);
+                self.put_back(lanes, &order, &mut slopes);
+                for a in 0..3 {
+                    slopes[a] = lanes.mul(slopes[a], lanes.load(&group.scales[a]));
+                }
+                let [x, y, z] = slopes;
+                let all = lanes.by_place([lanes.both(low[0], high[0]), x, y, z]);
                 out.copy_from_slice(&all[..out.len()]);
             }
         }
