@@ -22,7 +22,7 @@ mod primitive;
 mod round;
 pub use combine::{Complement, Intersection, Union};
 pub use formula::{Formula, FormulaError};
-pub use leaf::{LeafBits, Leaves};
+pub use leaf::{LeafBits, LeafParts, Leaves};
 pub use offset::{ExactIntersection, Offset};
 pub use primitive::{BoxSolid, Sphere};
 pub use round::{Capsule, Cylinder, HalfSpace};
@@ -174,11 +174,12 @@ pub trait Field: Send + Sync {
         None
     }
 
-    /// An interval that contains every value in all of eight regions. Once it holds values nearer to 0 than
-    /// `near` the regions that are left need not be looked at: it says no more than that.
-    fn joint_bound(&self, regions: &[<Self::Point as Point>::Region; 8], near: f64) -> Interval {
-        let all = self.bounds(regions);
-        let bound = |n: usize| all.map_or_else(|| self.bound(&regions[n]), |all| all[n]);
+    /// An interval that contains every value at the samples of a leaf; and if none of them is nearer to 0 than
+    /// `near`, the samples around the leaf have their sign. Once it holds values nearer than that the parts that
+    /// are left need not be looked at: it says no more.
+    fn leaf_bound(&self, parts: &LeafParts<<Self::Point as Point>::Region>, near: f64) -> Interval {
+        let all = self.bounds(&parts.wide);
+        let bound = |n: usize| all.map_or_else(|| self.bound(&parts.wide[n]), |all| all[n]);
         let mut joint = bound(0);
         for n in 1..8 {
             if joint.comes_within(near) {

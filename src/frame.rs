@@ -199,6 +199,12 @@ impl Aabb {
     pub fn half_diagonal(self) -> f64 {
         self.size().norm() / 2.0
     }
+
+    /// How far from a point of it the farthest corner is.
+    #[inline]
+    pub fn farthest(self, p: WorldPoint) -> f64 {
+        (self.max - p.0).sup(&(p.0 - self.min)).norm()
+    }
 }
 
 /// An axis-aligned box in the cell frame.

@@ -23,7 +23,9 @@
 //! cell's table rounds to `f32` it rounds alike in all elements.
 
 use crate::cell::Table;
-use crate::field::{Field, Interval, Leaves, SampleLattice, enter_signs, signs_of_values};
+use crate::field::{
+    Field, Interval, LeafParts, Leaves, SampleLattice, enter_signs, signs_of_values,
+};
 use crate::frame::{Aabb, CellPoint, Vec3, WorldPoint};
 use crate::mesh::MeshSolid;
 use crate::scaffold::Scaffold;
@@ -64,6 +66,7 @@ pub use path::{PathCheck, check_path};
 pub use source::{CellField, Filling, fills};
 pub use visits::Visits;
 
+use bound::Together;
 use boundary::Known;
 use near::Local;
 use patch::{Patch, Search};
@@ -139,6 +142,8 @@ pub struct TiledSolid<'a, F: Filling = Table> {
     filling: Held<'a, F>,
     options: TilingOptions,
     patches: Vec<Patch>,
+    /// The largest of their slope bounds L near the surface.
+    steepest: f64,
     component_of: Vec<u32>,
     components: Vec<Component>,
     /// The whole as one function over a box, where it is one.
@@ -195,10 +200,7 @@ impl<'a, F: Filling> TiledSolid<'a, F> {
         }
         filling.check(scaffold)?;
         let patches: Vec<Patch> = (0..scaffold.len())
-            .map(|number| {
-                let (sup, rms) = (filling.gradient_sup(number), filling.gradient_rms(number));
-                Patch::new(scaffold, number, sup, rms)
-            })
+            .map(|number| Patch::new(scaffold, &*filling, number, near::near_surface(options)))
             .collect();
         let mut component_of = vec![0; scaffold.len()];
         let mut components = Vec::new();
@@ -214,10 +216,12 @@ impl<'a, F: Filling> TiledSolid<'a, F> {
         let aligned = filling
             .products()
             .and_then(|products| aligned::Aligned::new(scaffold, products, &patches, options));
+        let steepest = patches.iter().map(|p| p.slope_sup).fold(0.0, f64::max);
         Ok(Self {
             scaffold,
             filling,
             options,
+            steepest,
             patches,
             component_of,
             components,
@@ -399,14 +403,14 @@ impl<F: Filling> Field for TiledSolid<'_, F> {
     fn bounds(&self, regions: &[Aabb; 8]) -> Option<[Interval; 8]> {
         Some(match &self.aligned {
             Some(aligned) => aligned.bounds(regions),
-            None => self.bounds_of_all(regions, None),
+            None => self.bounds_of_all(&regions.into()),
         })
     }
 
-    fn joint_bound(&self, regions: &[Aabb; 8], near: f64) -> Interval {
+    fn leaf_bound(&self, parts: &LeafParts<Aabb>, near: f64) -> Interval {
         let all = match &self.aligned {
-            Some(aligned) => aligned.bounds(regions),
-            None => self.bounds_of_all(regions, Some(near)),
+            Some(aligned) => aligned.bounds(&parts.wide),
+            None => self.bounds_of_all(&Together::leaf(parts, near)),
         };
         all[1..].iter().fold(all[0], |a, &b| a.hull(b))
     }
@@ -424,12 +428,14 @@ impl<F: Filling> Field for TiledSolid<'_, F> {
                 aligned.fill(lattice, out);
                 lattice.len() as u64
             }
-            None => self.fill_all((lattice, Wanted::Distances), out),
+            None => self.fill_all((lattice, Wanted::Distances), out).0,
         }
     }
 
     fn fill_leaves(&self, leaves: &mut Leaves<'_, WorldPoint>) -> Option<u64> {
-        let aligned = self.aligned.as_ref()?;
+        let Some(aligned) = &self.aligned else {
+            return self.fill_each(leaves);
+        };
         if let Some(visits) = self.visits {
             aligned.note_leaves(leaves, self.delta(), visits);
         }
@@ -447,7 +453,7 @@ impl<F: Filling> Field for TiledSolid<'_, F> {
             Some(_) => signs_of_values(self, lattice, rows),
             None => {
                 let mut values = vec![0.0; lattice.len()];
-                let looked = self.fill_all((lattice, Wanted::Signs), &mut values);
+                let (looked, _) = self.fill_all((lattice, Wanted::Signs), &mut values);
                 enter_signs(&values, lattice.counts[2], rows);
                 looked
             }

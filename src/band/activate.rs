@@ -1,10 +1,4 @@
 //! Which voxels of a leaf are active: near the surface, or next to a change of sign.
-// Small functions of hot paths, which must be compiled for the processor that their caller is for.
-#![allow(clippy::inline_always)]
-
-use super::VOXELS;
-use crate::field::LeafBits;
-use crate::lanes::{Lanes, Work, run};
 
 /// Samples of a leaf and the layer around it along one axis.
 pub(super) const SPAN: usize = 10;
@@ -16,46 +10,6 @@ pub(super) const SPAN: usize = 10;
 pub(super) struct Neighbourhood {
     negative: [[u64; 9]; SPAN],
     known: [[u64; 9]; SPAN],
-}
-
-/// What the values of a leaf say, which are clamped to the background on the way: inactive ones lie beyond
-/// it.
-pub(super) fn look_at(values: &mut [f32; VOXELS], background: f32) -> LeafBits {
-    run(Look { values, background })
-}
-
-struct Look<'a> {
-    values: &'a mut [f32; VOXELS],
-    background: f32,
-}
-
-impl Work for Look<'_> {
-    type Output = LeafBits;
-    // No closures: they would be compiled for any processor.
-    #[inline(always)]
-    fn run<L: Lanes>(self, l: L) -> LeafBits {
-        let (zero, background) = (l.splat(0.0), l.splat(self.background));
-        let minus = l.splat(-self.background);
-        let endless = l.splat(f32::INFINITY);
-        let mut bits = LeafBits::default();
-        let mut finite = u8::MAX;
-        for (n, row) in self.values.as_chunks_mut().0.iter_mut().enumerate() {
-            let v = l.load(row);
-            let size = l.magnitude(v);
-            let shift = 8 * (n & 7);
-            bits.negative[n >> 3] |= u64::from(l.below(v, zero)) << shift;
-            bits.within[n >> 3] |= u64::from(l.below(size, background)) << shift;
-            // NaN is not below anything.
-            let is_finite = l.below(size, endless);
-            finite &= is_finite;
-            // Else it would no longer show which.
-            if is_finite == u8::MAX {
-                l.store(l.min(l.max(v, minus), background), row);
-            }
-        }
-        bits.finite = finite == u8::MAX;
-        bits
-    }
 }
 
 /// The first and the last place along z in every row, and along y all of a row.

@@ -1,6 +1,6 @@
 //! Evaluation by blocks.
 
-use super::activate::{Neighbourhood, SPAN, look_at};
+use super::activate::{Neighbourhood, SPAN};
 use super::cull::Culler;
 use super::pool::{self, Signs};
 use super::{BLOCK, Band, BandError, BandStats, LEAF, LeafBatch, LeafSink, Region, VOXELS};
@@ -176,7 +176,7 @@ fn group_values(
             counts: [LEAF as usize; 3],
         };
         looked += culler.field.fill_counting(&lattice, values);
-        bits[n] = look_at(values, background);
+        bits[n] = LeafBits::look_at(values, background);
         if !bits[n].finite {
             let m = values.iter().position(|v| !v.is_finite()).unwrap_or(0);
             let voxel = leaves[n].offset((m >> 6) as i32, (m >> 3 & 7) as i32, (m & 7) as i32);

@@ -34,10 +34,11 @@ mod resolve;
 mod spline;
 mod steepest;
 mod window;
-use build::{Spectrum, good_size};
+use build::Spectrum;
 use grid::Grid;
 use leaf::Leaf;
 use spline::Spline;
+use steepest::{Slopes, Zero};
 
 /// Greatest number of samples per axis that [`Table::new`] uses: 9 MiB for each series of a hex.
 const LARGEST: usize = 160;
@@ -45,9 +46,6 @@ const LARGEST: usize = 160;
 const SMALLEST: usize = 32;
 /// Samples per period of the shortest wave that [`Table::new`] asks for.
 const SAMPLES_PER_WAVE: usize = 8;
-/// Greatest number of samples per axis that [`Table::with_tolerance`] uses.
-const LIMIT: usize = 256;
-
 /// What is interpolated.
 enum Function {
     /// One series in space on a grid that its group keeps: the hot path.
@@ -69,6 +67,8 @@ pub struct Table {
     error_bound: f64,
     gradient_error_bound: f64,
     gradient_sup: f64,
+    /// The same, near the surface too, if that is known.
+    slopes: Option<Slopes>,
     gradient_rms: f64,
     products: Option<Products>,
     /// Whether values come from the products; the spline is for bounds then.
@@ -113,47 +113,6 @@ impl Table {
         Ok(Self::build(cell, form, leaves))
     }
 
-    /// The smallest table whose [`Table::error_bound`] is at most `tolerance`, in field units, but
-    /// for rounding to single precision.
-    ///
-    /// # Errors
-    /// [`CellError::TableTooLarge`] if that takes more than 256 samples per axis.
-    pub fn with_tolerance(cell: &Cell, tolerance: f64) -> Result<Self, CellError> {
-        let form = function(cell);
-        let spectra = spectra(&form)?;
-        // Samples per axis beyond the least that holds every wave.
-        let mut excess = 1.0f64;
-        loop {
-            let wanted = |index: i32| {
-                let least = (2 * index as usize + 1).max(SMALLEST);
-                (least as f64 * excess).ceil() as usize
-            };
-            let grids: Vec<Grid> = spectra.iter().map(|s| s.grid(wanted)).collect();
-            let mut number = 0;
-            let [error, ..] = form.error_by(&mut |_| {
-                let (value, slope) = spectra[number].error_bounds(&grids[number]);
-                number += 1;
-                [value, slope, 0.0]
-            });
-            let largest = grids.iter().flat_map(|g| g.samples).max().unwrap_or(0);
-            if largest > LIMIT {
-                let index = spectra.iter().map(Spectrum::greatest).max().unwrap_or(0);
-                return Err(CellError::TableTooLarge {
-                    index,
-                    limit: LIMIT,
-                });
-            }
-            if error <= tolerance {
-                let leaves = spectra.into_iter().zip(grids).collect();
-                return Ok(Self::build(cell, form, leaves));
-            }
-            // The next larger size of the smallest grid.
-            let smallest = grids.iter().flat_map(|g| g.samples).filter(|n| *n > 1);
-            let smallest = smallest.min().unwrap_or(SMALLEST);
-            excess *= good_size(smallest + 1) as f64 / smallest as f64;
-        }
-    }
-
     fn build(cell: &Cell, form: Form, leaves: Vec<(Spectrum, Grid)>) -> Self {
         let whole = cell.fits_any_numbering();
         let element = cell.element();
@@ -165,9 +124,14 @@ impl Table {
                 .map_or(0.0, |(s, g)| s.error_square(g, f64::INFINITY));
             [square.sqrt(), 0.0, 0.0]
         });
+        let half = if cell.solid().is_symmetric() {
+            cell.level() as f32
+        } else {
+            0.0
+        };
         let mut leaves: Vec<Leaf> = leaves
             .into_iter()
-            .map(|(s, g)| Leaf::new(s, g, element, whole))
+            .map(|(s, g)| Leaf::new(s, g, (element, whole), Zero { half }))
             .collect();
         let mut each = leaves.iter();
         let [error_bound, gradient_error_bound, _] =
@@ -176,16 +140,17 @@ impl Table {
         let around = element.cell_box();
         let (_, gradient_sup) = form.range_by(&mut |_| {
             each.next().map_or((Interval::ALL, f64::INFINITY), |leaf| {
-                (leaf.range(&around).0, leaf.sup())
+                (leaf.range(&around).0, leaf.slopes().everywhere())
             })
         });
         let products = Products::of(cell, &form);
-        let function = if leaves.len() == 1 && leaves[0].is_plain() && form.nodes() == 1 {
-            Function::Plain(Box::new(leaves.swap_remove(0)))
+        let (function, slopes) = if leaves.len() == 1 && leaves[0].is_plain() && form.nodes() == 1 {
+            let leaf = leaves.swap_remove(0);
+            let slopes = leaf.slopes().clone();
+            (Function::Plain(Box::new(leaf)), Some(slopes))
         } else {
-            Function::Tree(form, leaves)
+            (Function::Tree(form, leaves), None)
         };
-        let symmetric = cell.solid().is_symmetric();
         Self {
             // What is sampled about the ball fills the cube around it.
             element: match element {
@@ -194,7 +159,7 @@ impl Table {
             },
             fits_any_numbering: whole,
             solid: cell.solid(),
-            half: if symmetric { cell.level() as f32 } else { 0.0 },
+            half,
             sign: if cell.solid() == Solid::Above {
                 -1.0
             } else {
@@ -204,6 +169,7 @@ impl Table {
             error_bound,
             gradient_error_bound,
             gradient_sup,
+            slopes,
             gradient_rms: cell.gamma(),
             products,
             is_direct: false,
@@ -292,6 +258,13 @@ impl Table {
     /// Bound of the gradient's length over the element.
     pub fn gradient_sup(&self) -> f64 {
         self.gradient_sup
+    }
+
+    /// A bound L of its length over those points of the element where |value| <= L `reach`: points within
+    /// `reach` of the surface are among them. Not greater than [`Self::gradient_sup`].
+    pub fn gradient_sup_near(&self, reach: f64) -> f64 {
+        let near = self.slopes.as_ref().map(|s| s.within(reach));
+        near.map_or(self.gradient_sup, |s| s.min(self.gradient_sup))
     }
 
     /// The gradient's root mean square on the surface inside the element (gamma).

@@ -9,7 +9,7 @@ use super::offsets::Offsets;
 use super::stock::Stock;
 use crate::field::{
     BoxSolid, Capsule, Complement, Cylinder, ExactIntersection, Field, HalfSpace, Intersection,
-    Leaves, Offset, Sphere, Union, WorldField,
+    LeafParts, Leaves, Offset, Sphere, Union, WorldField,
 };
 use crate::frame::{Aabb, Vec3};
 use crate::mesh::{Side as MeshSide, Skin};
@@ -324,9 +324,13 @@ impl Field for Shifted<'_> {
     fn bounds(&self, regions: &[Aabb; 8]) -> Option<[crate::field::Interval; 8]> {
         self.field.bounds(&regions.map(|r| self.moved(&r)))
     }
-    fn joint_bound(&self, regions: &[Aabb; 8], near: f64) -> crate::field::Interval {
-        self.field
-            .joint_bound(&regions.map(|r| self.moved(&r)), near)
+    fn leaf_bound(&self, parts: &LeafParts<Aabb>, near: f64) -> crate::field::Interval {
+        let moved = LeafParts {
+            own: parts.own.map(|r| self.moved(&r)),
+            wide: parts.wide.map(|r| self.moved(&r)),
+            step: parts.step,
+        };
+        self.field.leaf_bound(&moved, near)
     }
     fn fill(&self, lattice: &crate::field::SampleLattice<Self::Point>, out: &mut [f32]) {
         self.fill_counting(lattice, out);
@@ -386,12 +390,12 @@ impl<F: Field> Field for Borrowed<'_, F> {
     ) -> Option<[crate::field::Interval; 8]> {
         self.0.bounds(regions)
     }
-    fn joint_bound(
+    fn leaf_bound(
         &self,
-        regions: &[<F::Point as crate::field::Point>::Region; 8],
+        parts: &LeafParts<<F::Point as crate::field::Point>::Region>,
         near: f64,
     ) -> crate::field::Interval {
-        self.0.joint_bound(regions, near)
+        self.0.leaf_bound(parts, near)
     }
     fn fill(&self, lattice: &crate::field::SampleLattice<F::Point>, out: &mut [f32]) {
         self.0.fill(lattice, out);

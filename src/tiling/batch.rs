@@ -172,7 +172,7 @@ impl<F: Filling> TiledSolid<'_, F> {
                 batch.open.extend(samples);
                 continue;
             };
-            if block.f.abs() >= local.near.slope_sup * (block.radius + w) {
+            if block.f.abs() >= self.rise(&local.near, block.radius + w) {
                 let d = w.copysign(block.f);
                 for t in samples {
                     found(t, d);

@@ -1,10 +1,10 @@
 //! What the tiling's values can be in a box: bounds of the cell over the box's image in each element.
 
 use super::fill::with_straight;
-use super::near::Near;
+use super::near::{Local, NEIGHBOUR, Near};
 use super::{Distance, Filling, TiledSolid};
-use crate::field::Interval;
-use crate::frame::Aabb;
+use crate::field::{Interval, LeafParts};
+use crate::frame::{Aabb, CellPoint};
 
 /// Room for the rounding of single precision, relative.
 const SLACK: f64 = 1e-6;
@@ -13,29 +13,58 @@ const SLACK: f64 = 1e-6;
 /// than to bound it.
 const WORTH: usize = 256;
 
+/// How often regions that are asked for together are halved where their centres do not decide.
+const HALVINGS: u32 = 2;
+
+/// Regions that lie together, whose bounds are asked for at once.
+pub(super) struct Together<'a, const N: usize> {
+    /// Where values are wanted.
+    own: &'a [Aabb; N],
+    /// The same with points around them that must have their sign.
+    wide: &'a [Aabb; N],
+    /// How far around.
+    layer: f64,
+    /// Once one holds values nearer to 0 than this the others are not told apart.
+    enough: Option<f64>,
+}
+
+impl<'a> Together<'a, 8> {
+    /// Parts of a leaf.
+    pub fn leaf(parts: &'a LeafParts<Aabb>, enough: f64) -> Self {
+        Self {
+            own: &parts.own,
+            wide: &parts.wide,
+            layer: NEIGHBOUR * parts.step,
+            enough: Some(enough),
+        }
+    }
+}
+
+impl<'a, const N: usize> From<&'a [Aabb; N]> for Together<'a, N> {
+    fn from(regions: &'a [Aabb; N]) -> Self {
+        Self {
+            own: regions,
+            wide: regions,
+            layer: 0.0,
+            enough: None,
+        }
+    }
+}
+
 impl<F: Filling> TiledSolid<'_, F> {
     /// Bound over all components.
     pub(super) fn bound_of_all(&self, region: &Aabb) -> Interval {
-        let [bound] = self.bounds_of_all(&[*region], None);
+        let [bound] = self.bounds_of_all(&Together::from(&[*region]));
         bound
     }
 
     /// The same for regions that lie together. Of several, values nearer to 0 than the band's half width are
-    /// not told apart, nor are regions once one holds values nearer to 0 than `enough`.
-    pub(super) fn bounds_of_all<const N: usize>(
-        &self,
-        regions: &[Aabb; N],
-        enough: Option<f64>,
-    ) -> [Interval; N] {
+    /// not told apart.
+    pub(super) fn bounds_of_all<const N: usize>(&self, regions: &Together<N>) -> [Interval; N] {
         let w = self.options.half_width;
         let mut all = [Interval::new(w, w); N];
         for component in 0..self.components.len() {
-            // Where components meet, what is near the surface of one may lie inside another.
-            let enough = enough.filter(|_| self.components.len() == 1);
-            for (a, b) in all
-                .iter_mut()
-                .zip(self.bounds_of(component, regions, enough))
-            {
+            for (a, b) in all.iter_mut().zip(self.bounds_of(component, regions)) {
                 *a = if self.is_cut() || self.components.len() == 1 {
                     Interval::new(a.lo.min(b.lo), a.hi.min(b.hi))
                 } else {
@@ -51,12 +80,18 @@ impl<F: Filling> TiledSolid<'_, F> {
     fn bounds_of<const N: usize>(
         &self,
         component: usize,
-        regions: &[Aabb; N],
-        enough: Option<f64>,
+        &Together {
+            own: regions,
+            wide,
+            layer,
+            enough,
+        }: &Together<N>,
     ) -> [Interval; N] {
         let w = self.options.half_width;
+        // Where components meet, what is near the surface of one may lie inside another.
+        let enough = enough.filter(|_| self.components.len() == 1);
         let boundary = &self.components[component].boundary;
-        let around = regions.iter().fold(Aabb::EMPTY, |a, b| a.union(*b));
+        let around = wide.iter().fold(Aabb::EMPTY, |a, b| a.union(*b));
         let mut found = [Interval::new(w, w); N];
         if self.is_cut() && !boundary.bounds().dilated(w).meets(around) {
             return found;
@@ -72,8 +107,18 @@ impl<F: Filling> TiledSolid<'_, F> {
         let shore = self.is_cut().then_some(&*shore);
         let near = self.near(component, &around.dilated(reach), self.margin());
         let depth = self.boundary_range(component, &around, Interval::ALL, (shore, &near.patches));
-        let mut own = Near::default();
-        let values = self.at_centres(&near, regions);
+        let mut nearer = Near::default();
+        // Far from the boundary, and where the scaffold does not overlap itself there, F is continuous and L
+        // bounds its slopes: what is so much further than the layer around has the layer's sign.
+        let mut values = self.at_centres(&near, regions, false);
+        let is_known = |values: &[Option<f64>; N]| values.iter().any(Option::is_some);
+        let is_once = || boundary.winding_number(around.centre().0).round() == 1.0;
+        let is_leaf = layer > 0.0 && layer < w;
+        let is_open = is_leaf && depth.hi <= -w && (is_known(&values) || is_once());
+        if is_open && !is_known(&values) {
+            values = self.at_centres(&near, regions, true);
+        }
+        let asked = if is_open { regions } else { wide };
         // The one nearest to the surface settles most likely what all are worth.
         let mut order: [usize; N] = std::array::from_fn(|n| n);
         if enough.is_some() {
@@ -81,7 +126,7 @@ impl<F: Filling> TiledSolid<'_, F> {
             order.sort_unstable_by(|&a, &b| away[a].total_cmp(&away[b]));
         }
         for n in order {
-            let region = &regions[n];
+            let region = &asked[n];
             let depth = if N == 1 || depth.hi <= -w || depth.lo >= w {
                 depth
             } else {
@@ -91,17 +136,22 @@ impl<F: Filling> TiledSolid<'_, F> {
                 continue;
             }
             let reach = self.reach(depth.hi);
-            let at_centre = values[n].filter(|_| reach == 0.0);
-            let field = at_centre
-                .and_then(|f| self.range_about(f, near.slope_sup, region.half_diagonal(), N > 1))
+            let halvings = if enough.is_some() { HALVINGS } else { 0 };
+            let field = values[n]
+                .filter(|_| reach == 0.0)
+                .and_then(|f| {
+                    let radius = region.farthest(regions[n].centre());
+                    self.range_about(f, &near, radius, N > 1)
+                        .or_else(|| self.range_of_parts(&near, region, (halvings, is_open)))
+                })
                 .unwrap_or_else(|| {
                     let wide = region.dilated(reach);
                     if self.is_cut() {
-                        self.keep_near(&near, &wide, &mut own);
+                        self.keep_near(&near, &wide, &mut nearer);
                     } else {
-                        own = self.near(component, &wide, self.margin());
+                        nearer = self.near(component, &wide, self.margin());
                     }
-                    self.range_among(component, &own, &wide, N > 1)
+                    self.range_among(component, &nearer, &wide, N > 1)
                 });
             found[n] = self.ended_bound(field, depth);
             if enough.is_some_and(|near| found[n].comes_within(near)) {
@@ -113,14 +163,41 @@ impl<F: Filling> TiledSolid<'_, F> {
 
     /// What the field's value at the centre says of the distance in a region within the scaffold, if it
     /// says enough; `is_coarse` if values nearer to 0 than the band's half width are not told apart.
-    fn range_about(&self, f: f64, slope: f64, radius: f64, is_coarse: bool) -> Option<Interval> {
+    fn range_about(&self, f: f64, near: &Near, radius: f64, is_coarse: bool) -> Option<Interval> {
         let w = self.options.half_width;
-        if f.abs() >= slope * (w + radius) * (1.0 + SLACK) {
+        if f.abs() >= self.rise(near, w + radius) * (1.0 + SLACK) {
             let d = w.copysign(f);
             return Some(Interval::new(d, d));
         }
         // No interval that holds it is far from 0.
-        (is_coarse && f.abs() < slope * w).then(|| Interval::new(-w, w))
+        (is_coarse && f.abs() < near.slope_sup * w).then(|| Interval::new(-w, w))
+    }
+
+    /// The same from the values at the centres of its eighths, halved so often at most: all distances, if
+    /// these do not decide.
+    fn range_of_parts(
+        &self,
+        near: &Near,
+        region: &Aabb,
+        (halvings, is_open): (u32, bool),
+    ) -> Option<Interval> {
+        let w = self.options.half_width;
+        let finer = halvings.checked_sub(1)?;
+        let parts = eighths(region);
+        let values = self.at_centres(near, &parts, is_open);
+        let mut all: Option<Interval> = None;
+        for (part, f) in parts.iter().zip(values) {
+            let own = self
+                .range_about(f?, near, part.half_diagonal(), true)
+                .or_else(|| self.range_of_parts(near, part, (finer, is_open)))
+                .unwrap_or(Interval::new(-w, w));
+            let hull = all.map_or(own, |a| a.hull(own));
+            if hull.comes_within(w) {
+                return Some(hull);
+            }
+            all = Some(hull);
+        }
+        all
     }
 
     /// Bound of the distance from the ranges of the cells in near elements.
@@ -154,15 +231,32 @@ impl<F: Filling> TiledSolid<'_, F> {
         )
     }
 
-    /// The field at the centres of regions among few straight elements, where it is continuous around.
-    fn at_centres<const N: usize>(&self, near: &Near, regions: &[Aabb; N]) -> [Option<f64>; N] {
-        if self.options.distance == Distance::Exact
-            || near.patches.len() > WORTH
-            || !self.are_straight(near)
-        {
+    /// The field at the centres of regions, where it is continuous around: among few straight elements, and
+    /// among bent ones where that is known (`is_open`).
+    fn at_centres<const N: usize>(
+        &self,
+        near: &Near,
+        regions: &[Aabb; N],
+        is_open: bool,
+    ) -> [Option<f64>; N] {
+        if self.options.distance == Distance::Exact || near.patches.len() > WORTH {
             return [None; N];
         }
-        with_straight(|room| self.field_at(near, regions.map(|r| r.centre().0), room))
+        if self.are_straight(near) {
+            return with_straight(|room| self.field_at(near, regions.map(|r| r.centre().0), room));
+        }
+        if !is_open {
+            return [None; N];
+        }
+        let mut local = Local::new(near.clone());
+        regions.map(|region| {
+            let owner = self.owner(&mut local, region.centre().0)?;
+            let element = self.patch(&local, owner.place).number();
+            let mut value = [0.0];
+            self.filling
+                .values(element, &[CellPoint(owner.spot.xi)], &mut value);
+            Some(value[0])
+        })
     }
 
     /// How far from a box the points can be at which the field is taken, if the box reaches up to
@@ -232,4 +326,20 @@ impl<F: Filling> TiledSolid<'_, F> {
         self.field_range(&near, &wide, 0.0)
             .is_none_or(|f| f.lo > 0.0 || f.hi < 0.0)
     }
+}
+
+/// The eight halves by axis of a box.
+fn eighths(region: &Aabb) -> [Aabb; 8] {
+    let middle = region.centre().0;
+    std::array::from_fn(|n| {
+        let mut part = *region;
+        for a in 0..3 {
+            if n >> a & 1 == 0 {
+                part.max[a] = middle[a];
+            } else {
+                part.min[a] = middle[a];
+            }
+        }
+        part
+    })
 }

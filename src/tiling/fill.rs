@@ -6,7 +6,7 @@ use super::near::{Local, Near};
 use super::nodes::Nodes;
 use super::straight::{CROWD, Straight, Wanted};
 use super::{Distance, Filling, TiledSolid};
-use crate::field::{Field, Interval, Point, SampleLattice};
+use crate::field::{Field, Interval, LeafBits, Leaves, Point, SampleLattice};
 use crate::frame::{Aabb, Vec3, WorldPoint};
 use std::cell::Cell;
 
@@ -40,12 +40,39 @@ pub(super) fn with_straight<T>(work: impl FnOnce(&mut Straight) -> T) -> T {
 }
 
 impl<F: Filling> TiledSolid<'_, F> {
-    /// Values on a lattice, over all components; returns at how many points a cell was looked at.
+    /// Fills leaves one by one, unless the surface is moved, and proves of those deep in the scaffold what it
+    /// can; returns at how many points a cell was looked at.
+    pub(super) fn fill_each(&self, leaves: &mut Leaves<'_, WorldPoint>) -> Option<u64> {
+        if leaves.by != 0.0 {
+            return None;
+        }
+        // But for single precision.
+        let within = self.options.half_width * (1.0 - 1e-6);
+        let mut looked = 0;
+        let bits = leaves.bits.iter_mut();
+        for ((&origin, values), bits) in leaves.origins.iter().zip(&mut *leaves.values).zip(bits) {
+            let lattice = SampleLattice {
+                origin,
+                step: leaves.step,
+                counts: [8; 3],
+            };
+            let (own, is_settled) = self.fill_all((&lattice, Wanted::Distances), values);
+            looked += own;
+            *bits = LeafBits {
+                settled: is_settled && f64::from(leaves.background) >= within,
+                ..LeafBits::look_at(values, leaves.background)
+            };
+        }
+        Some(looked)
+    }
+
+    /// Values on a lattice, over all components; returns at how many points a cell was looked at, and whether
+    /// it is proved that samples as far from the surface as the half width have their neighbours' sign.
     pub(super) fn fill_all(
         &self,
         (lattice, wanted): (&SampleLattice<WorldPoint>, Wanted),
         out: &mut [f32],
-    ) -> u64 {
+    ) -> (u64, bool) {
         let w = self.options.half_width;
         if !self.is_cut() && self.components.len() > 1 {
             for component in 0..self.components.len() {
@@ -54,10 +81,10 @@ impl<F: Filling> TiledSolid<'_, F> {
             for (n, v) in out.iter_mut().enumerate() {
                 *v = self.value(lattice.point(n)) as f32;
             }
-            return lattice.len() as u64;
+            return (lattice.len() as u64, false);
         }
         if lattice.is_empty() {
-            return 0;
+            return (0, false);
         }
         let span = lattice.span();
         let reaches = |c: &usize| {
@@ -69,17 +96,17 @@ impl<F: Filling> TiledSolid<'_, F> {
         scratch.straight.looked = 0;
         scratch.nodes.looked = 0;
         out.fill(w as f32);
-        let mut first = true;
+        let (mut first, mut is_settled) = (true, true);
         for component in (0..self.components.len()).filter(reaches) {
             if first {
-                self.fill_one(component, (lattice, wanted), &mut scratch, out);
+                is_settled &= self.fill_one(component, (lattice, wanted), &mut scratch, out);
                 first = false;
                 continue;
             }
             let mut values = std::mem::take(&mut scratch.values);
             values.clear();
             values.resize(out.len(), w as f32);
-            self.fill_one(component, (lattice, wanted), &mut scratch, &mut values);
+            is_settled &= self.fill_one(component, (lattice, wanted), &mut scratch, &mut values);
             for (o, &v) in out.iter_mut().zip(&values) {
                 *o = o.min(v);
             }
@@ -87,7 +114,7 @@ impl<F: Filling> TiledSolid<'_, F> {
         }
         let looked = scratch.batch.looked + scratch.straight.looked + scratch.nodes.looked;
         SCRATCH.set(Some(scratch));
-        looked
+        (looked, is_settled && !first)
     }
 
     /// Notes elements as visited, where that is wanted.
@@ -97,14 +124,15 @@ impl<F: Filling> TiledSolid<'_, F> {
         }
     }
 
-    /// Values of one component, its boundary included.
+    /// Values of one component, its boundary included; whether samples out of the band are proved to have
+    /// their neighbours' sign.
     fn fill_one(
         &self,
         component: usize,
         (lattice, wanted): (&SampleLattice<WorldPoint>, Wanted),
         scratch: &mut Scratch,
         out: &mut [f32],
-    ) {
+    ) -> bool {
         let Scratch {
             blocks,
             batch,
@@ -129,7 +157,7 @@ impl<F: Filling> TiledSolid<'_, F> {
         let whole_depth = self.boundary_range(component, &span, Interval::ALL, around);
         if self.is_cut() && whole_depth.lo >= w {
             out.fill(w as f32);
-            return;
+            return false;
         }
         if !self.is_cut() {
             let reached = span.dilated(self.reach(whole_depth.hi));
@@ -137,7 +165,7 @@ impl<F: Filling> TiledSolid<'_, F> {
         }
         self.note(&wide);
         if self.fill_by_nodes((&wide, whole_depth), lattice, nodes, out) {
-            return;
+            return false;
         }
         if self.options.distance == Distance::Fast
             && wide.patches.len() <= CROWD
@@ -146,7 +174,7 @@ impl<F: Filling> TiledSolid<'_, F> {
             let lattice = (lattice, wanted);
             let boundary = (whole_depth, shore);
             self.fill_straight((component, &wide), lattice, boundary, straight, out);
-            return;
+            return straight.is_settled();
         }
         let mut local = Local::rough();
         for part in parts(lattice) {
@@ -193,6 +221,7 @@ impl<F: Filling> TiledSolid<'_, F> {
                 }
             }
         }
+        false
     }
 }
 

@@ -3,16 +3,29 @@
 use super::boundary::Known;
 use super::patch::{ON_FACE, Patch, Search, Spot, Spots};
 use super::trail::Trail;
-use super::{Distance, Filling, TiledSolid};
+use super::{Distance, Filling, TiledSolid, TilingOptions};
 use crate::frame::{Aabb, Vec3};
 use std::cell::Cell;
 
+/// Distance of the furthest of a sample's neighbours, a hair more, in voxels.
+pub(super) const NEIGHBOUR: f64 = 1.733;
+/// Voxels beyond the half width within which slopes count as near the surface: across a block of samples,
+/// and to their neighbours.
+const AROUND: f64 = 2.0;
+
+/// How far from the surface the slopes matter that the band's values depend on, world units.
+pub(super) fn near_surface(options: TilingOptions) -> f64 {
+    options.half_width + AROUND * options.voxel_size
+}
+
 /// Elements of one component near a box, by ascending number.
-#[derive(Default)]
+#[derive(Clone, Default)]
 pub(super) struct Near {
     pub patches: Vec<u32>,
-    /// The largest of their slope bounds L.
+    /// The largest of their slope bounds L near the surface.
     pub slope_sup: f64,
+    /// The largest over all of them.
+    slope_most: f64,
 }
 
 /// Elements near a box, with what one point teaches about the next: never the result, only how soon
@@ -108,15 +121,28 @@ impl<F: Filling> TiledSolid<'_, F> {
                 && !self.patches[e as usize].misses(centre, half, margin)
         });
         patches.sort_unstable();
-        let slope_sup = self.slope_sup(&patches);
-        Near { patches, slope_sup }
+        let mut near = Near {
+            patches,
+            ..Near::default()
+        };
+        self.find_slopes(&mut near);
+        near
     }
 
-    fn slope_sup(&self, patches: &[u32]) -> f64 {
-        patches
-            .iter()
-            .map(|&e| self.patches[e as usize].slope_sup)
-            .fold(0.0, f64::max)
+    fn find_slopes(&self, near: &mut Near) {
+        (near.slope_sup, near.slope_most) = (0.0, 0.0);
+        for &e in &near.patches {
+            let patch = &self.patches[e as usize];
+            near.slope_sup = near.slope_sup.max(patch.slope_sup);
+            near.slope_most = near.slope_most.max(patch.slope_most);
+        }
+    }
+
+    /// How much |F| changes at most over a length, in near elements, if it starts or ends where |F| <= L w: near
+    /// the surface by L, further away by the steepest slope there is.
+    pub(super) fn rise(&self, near: &Near, length: f64) -> f64 {
+        let beyond = (length - near_surface(self.options)).max(0.0);
+        near.slope_sup * (length - beyond) + near.slope_most * beyond
     }
 
     /// Replaces `near` by what of a wider list may be near a point of `region`.
@@ -126,7 +152,7 @@ impl<F: Filling> TiledSolid<'_, F> {
         let misses = |e: &u32| self.patches[*e as usize].misses(centre, half, margin);
         near.patches.clear();
         near.patches.extend(all.filter(|e| !misses(e)));
-        near.slope_sup = self.slope_sup(&near.patches);
+        self.find_slopes(near);
     }
 
     /// The same for a list that knows more.

@@ -1,5 +1,6 @@
 //! One element of the scaffold with the cell in it: inverse map, slopes, distance to its faces.
 
+use super::Filling;
 use super::place::Curve;
 use super::trail::Trail;
 use super::walk::{self, Leg, Pace, Walkers};
@@ -24,8 +25,11 @@ pub(super) struct Patch {
     shape: Element,
     inverse: Inverse,
     walls: Walls,
-    /// L: bound of |grad F| over the element, per world unit; infinite if none could be proved.
+    /// L: bound of |grad F| over those points of the element where |F| <= L times the reach of what is near the
+    /// surface, per world unit; infinite if none could be proved.
     pub slope_sup: f64,
+    /// The same over all of the element.
+    pub slope_most: f64,
     /// gamma: root mean square of |grad F| on the surface.
     pub slope_rms: f64,
     /// Least stretch of the map: world length per reference length.
@@ -77,15 +81,23 @@ impl Spots {
 }
 
 impl Patch {
-    /// Prepares element `number`; `slope_sup` and `slope_rms` are the filling's in it, in reference units.
-    pub fn new(scaffold: &Scaffold, number: usize, slope_sup: f64, slope_rms: f64) -> Self {
+    /// Prepares element `number` of a filled scaffold; slopes as far from the surface as `reach`, world units,
+    /// are near it.
+    pub fn new(scaffold: &Scaffold, filling: &impl Filling, number: usize, reach: f64) -> Self {
         let element = scaffold.element(number);
         let shape = element.shape();
         // The affine map that agrees at the origin; curved elements start Newton's method with it.
         let (centre, jacobian) = element.map_and_jacobian(CellPoint(Vec3::zeros()));
         let matrix = jacobian.try_inverse().unwrap_or_else(Mat3::zeros);
         let centre = centre.0;
-        let (least, _) = element.stretch();
+        let least_stretch = element.stretch().0.max(0.0);
+        let per_world = |slope: f64| {
+            if least_stretch > 0.0 {
+                slope / least_stretch
+            } else {
+                f64::INFINITY
+            }
+        };
         let controls = element.control_points();
         let walls = Walls::new(shape, &matrix, &controls, element.bounds());
         Self {
@@ -97,13 +109,10 @@ impl Patch {
                 Inverse::Curved { matrix, centre }
             },
             walls,
-            slope_sup: if least > 0.0 {
-                slope_sup / least
-            } else {
-                f64::INFINITY
-            },
-            slope_rms: slope_rms * matrix.norm() / 3f64.sqrt(),
-            least_stretch: least.max(0.0),
+            slope_sup: per_world(filling.gradient_sup_near(number, reach / least_stretch)),
+            slope_most: per_world(filling.gradient_sup(number)),
+            slope_rms: filling.gradient_rms(number) * matrix.norm() / 3f64.sqrt(),
+            least_stretch,
         }
     }
 

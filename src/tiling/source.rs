@@ -17,6 +17,11 @@ pub trait CellField: Field<Point = CellPoint<3>> {
     }
     /// Bound of the gradient's length over the element, per unit of reference length.
     fn gradient_sup(&self) -> f64;
+    /// A bound L of its length over those points of the element where |value| <= L `reach`; it does not fall
+    /// as `reach` grows.
+    fn gradient_sup_near(&self, _reach: f64) -> f64 {
+        self.gradient_sup()
+    }
     /// The gradient's root mean square on the surface inside the element (gamma).
     fn gradient_rms(&self) -> f64;
     /// The same function as a few products of sines and cosines, if it is one.
@@ -81,6 +86,9 @@ impl CellField for Table {
     }
     fn gradient_sup(&self) -> f64 {
         Self::gradient_sup(self)
+    }
+    fn gradient_sup_near(&self, reach: f64) -> f64 {
+        Self::gradient_sup_near(self, reach)
     }
     fn gradient_rms(&self) -> f64 {
         Self::gradient_rms(self)
@@ -188,6 +196,13 @@ pub trait Filling: Send + Sync {
     /// Bound of the gradient's length over an element, per unit of reference length.
     fn gradient_sup(&self, element: usize) -> f64;
 
+    /// A bound L of its length over those points of an element where |value| <= L `reach`, in reference
+    /// lengths; over all of it, or of one bound for all elements that does not fall as `reach` grows: where
+    /// elements differ by their size alone, the steepest one's holds for all.
+    fn gradient_sup_near(&self, element: usize, _reach: f64) -> f64 {
+        self.gradient_sup(element)
+    }
+
     /// The gradient's root mean square on the surface in an element.
     fn gradient_rms(&self, element: usize) -> f64;
 
@@ -260,6 +275,10 @@ impl<C: CellField> Filling for C {
 
     fn gradient_sup(&self, _: usize) -> f64 {
         CellField::gradient_sup(self)
+    }
+
+    fn gradient_sup_near(&self, _: usize, reach: f64) -> f64 {
+        CellField::gradient_sup_near(self, reach)
     }
 
     fn gradient_rms(&self, _: usize) -> f64 {

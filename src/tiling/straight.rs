@@ -16,7 +16,7 @@ mod strays;
 
 use super::boundary::Known;
 use super::fill::{BLOCK, PartOfLattice, parts};
-use super::near::Near;
+use super::near::{NEIGHBOUR, Near, near_surface};
 use super::{Filling, TiledSolid};
 use crate::field::{Interval, SampleLattice};
 use crate::frame::{Vec3, WorldPoint};
@@ -45,6 +45,8 @@ pub(super) struct Straight {
     /// Triangles of the boundary that may show, part by part.
     shores: Vec<u32>,
     along: [Vec<Along>; 3],
+    /// Whether some sample, as far from the surface as the half width, may have a neighbour of the other sign.
+    is_open: bool,
     /// At how many points a cell was looked at.
     pub looked: u64,
 }
@@ -54,6 +56,11 @@ impl Straight {
         self.parts.clear();
         self.blocks.clear();
         self.shores.clear();
+    }
+
+    /// Whether all samples out of the band are proved to have their neighbours' sign.
+    pub fn is_settled(&self) -> bool {
+        !(self.is_open || self.samples.is_open)
     }
 }
 
@@ -94,6 +101,7 @@ impl<F: Filling> TiledSolid<'_, F> {
         room: &mut Straight,
         out: &mut [f32],
     ) {
+        self.expect((lattice.step, wanted, depth), room);
         let mut along = std::mem::take(&mut room.along);
         for (axis, along) in along.iter_mut().enumerate() {
             along.clear();
@@ -136,6 +144,19 @@ impl<F: Filling> TiledSolid<'_, F> {
             self.fill_entered(&scene, room, out);
         }
         room.along = along;
+    }
+
+    /// Prepares to prove that samples out of the band have their neighbours' sign, if they all lie deep in the
+    /// scaffold: |F| changes between neighbours by less than what makes a block or a sample far.
+    fn expect(&self, (step, wanted, depth): (f64, Wanted, Interval), room: &mut Straight) {
+        let w = self.options.half_width;
+        let away = NEIGHBOUR * step;
+        // A neighbour may lie in an element further away.
+        let change = self.steepest * away;
+        room.is_open =
+            wanted == Wanted::Signs || depth.hi > -w || away > near_surface(self.options);
+        room.samples.is_open = false;
+        room.samples.change = change;
     }
 
     /// Bounds of the distance to the boundary over a part of a lattice, within those of the whole.
@@ -206,6 +227,7 @@ impl<F: Filling> TiledSolid<'_, F> {
             Wanted::Signs => 1e-3 * step,
         };
         let mut values = [0.0; MOST];
+        room.is_open |= room.samples.change > w * scene.near.slope_sup;
         let all = std::mem::take(&mut room.blocks);
         for blocks in all.chunks(MOST) {
             room.bundle.clear();
@@ -222,7 +244,7 @@ impl<F: Filling> TiledSolid<'_, F> {
             room.looked += u64::from(room.centres.owned.count_ones());
             let mut far = 0u64;
             for (n, (block, value)) in blocks.iter().zip(&values).enumerate() {
-                let least = scene.near.slope_sup * (block.radius + reach);
+                let least = self.rise(scene.near, block.radius + reach);
                 far |= u64::from(value.abs() >= least) << n;
             }
             let mut open = room.bundle.real & !(far & single);
@@ -297,6 +319,7 @@ impl<F: Filling> TiledSolid<'_, F> {
             samples,
             places,
             strays,
+            is_open,
             looked,
             ..
         } = room;
@@ -335,6 +358,7 @@ impl<F: Filling> TiledSolid<'_, F> {
                     out[index] = self.ended(scene, d, (block, n), known) as f32;
                     continue;
                 }
+                *is_open = true;
                 let stray = Stray {
                     n: index,
                     x: bundle.point(first + n),

@@ -86,7 +86,7 @@ const SUBJECTS: &[Subject] = &[
         measure: w2::struts_in_tets,
     },
     Subject {
-        keys: &["P8.nodes"],
+        keys: &["P8.nodes", "P10.tets", "P10.tets.evaluated"],
         measure: w2::struts_in_large_tets,
     },
     Subject {
@@ -123,7 +123,7 @@ const SUBJECTS: &[Subject] = &[
     },
     #[cfg(all(feature = "vdb", feature = "cli"))]
     Subject {
-        keys: &["P11", "P11.seconds"],
+        keys: &["P11", "P11.seconds", "P10.w4", "P10.w4.evaluated"],
         measure: stream::larger_than_memory,
     },
     #[cfg(all(feature = "vdb", feature = "cli"))]

@@ -4,13 +4,13 @@ use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Modules and what each may use; `progress`, `frame` and `sets` use nothing.
+/// Modules and what each may use; the first four use nothing.
 const MAY_USE: &[(&str, &[&str])] = &[
     ("frame", &[]),
     ("progress", &[]),
     ("sets", &[]),
     ("lanes", &[]),
-    ("field", &["frame"]),
+    ("field", &["frame", "lanes"]),
     ("mesh", &["frame", "field", "lanes", "progress", "sets"]),
     ("symmetry", &[]),
     (

@@ -4,11 +4,12 @@ mod turned;
 
 use crate::strategy::{self, Noise};
 use druse::band::{Band, LeafMap};
-use druse::field::{Field, Interval};
+use druse::field::{Field, Interval, SampleLattice};
 use druse::frame::{Aabb, CellBox, CellPoint, Coord, Element, Transform, Vec3, WorldPoint};
 use druse::progress::{Silent, Threads};
 use druse::scaffold::{Connectivity, Kind, Scaffold};
 use druse::tiling::{Boundary, CellField, Distance, TiledSolid, TilingOptions};
+use std::collections::BTreeMap;
 
 mod aligned;
 mod bent;
@@ -70,6 +71,59 @@ fn greatest_jump(scaffold: &Scaffold, tiled: &TiledSolid<Cosines>, voxel: f64, s
         greatest = greatest.max((at(1.0) - at(-1.0)).abs() / voxel);
     }
     greatest
+}
+
+/// A tiling that gives values and bounds, and knows nothing sooner.
+struct Slow<'a, 'b>(&'b TiledSolid<'a>);
+
+impl Field for Slow<'_, '_> {
+    type Point = WorldPoint;
+    fn value(&self, p: WorldPoint) -> f64 {
+        self.0.value(p)
+    }
+    fn value_and_gradient(&self, p: WorldPoint) -> (f64, Vec3) {
+        self.0.value_and_gradient(p)
+    }
+    fn bound(&self, region: &Aabb) -> Interval {
+        self.0.bound(region)
+    }
+    fn fill(&self, lattice: &SampleLattice<WorldPoint>, out: &mut [f32]) {
+        self.0.fill(lattice, out);
+    }
+}
+
+/// The leaves of a band: with one thread and two, and without what the field knows sooner.
+fn same_band_when_slow(
+    tiled: &TiledSolid,
+    options: TilingOptions,
+    extent: Aabb,
+) -> BTreeMap<Coord, ([u64; 8], [f32; 512])> {
+    let slow = Slow(tiled);
+    let fields: [(&druse::field::WorldField, usize); 3] = [(tiled, 1), (tiled, 2), (&slow, 2)];
+    let [one, two, slow] = fields.map(|(field, threads)| {
+        let h = options.voxel_size;
+        let band = Band {
+            field,
+            transform: Transform::new(h).unwrap(),
+            half_width: options.half_width / h,
+            extent,
+        };
+        let sink = LeafMap::default();
+        let threads = Threads::new(threads).unwrap();
+        let stats = band.evaluate(&threads, &Silent, &sink).unwrap();
+        let leaves = sink.into_leaves();
+        let bits = |mask: &[u64; 8]| mask.iter().map(|w| w.count_ones()).sum::<u32>();
+        let active: u64 = leaves.values().map(|l| u64::from(bits(&l.0))).sum();
+        assert_eq!(stats.active_voxels, active);
+        leaves
+    });
+    assert!(one == two);
+    assert!(!one.is_empty());
+    for (origin, leaf) in &slow {
+        assert!(one.get(origin) == Some(leaf), "{options:?} {origin:?}");
+    }
+    assert_eq!(one.len(), slow.len(), "{options:?}");
+    one
 }
 
 #[test]

@@ -31,6 +31,8 @@ impl Table {
         self.slack = [value, 3f64.sqrt() * slope];
         (self.error_bound, self.gradient_error_bound) = (leaf.rounding(), leaf.slope_rounding());
         self.gradient_sup += self.slack[1];
+        let [value, slope] = self.slack;
+        self.slopes = self.slopes.take().map(|s| s.of_another(value, slope));
         self.error_rms = 0.0;
         self.is_direct = true;
     }

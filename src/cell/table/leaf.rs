@@ -4,7 +4,7 @@ use super::build::Spectrum;
 use super::grid::Grid;
 use super::pyramid::Pyramid;
 use super::spline::{PLACING, Spline};
-use super::steepest::steepest_over;
+use super::steepest::{Slopes, Zero, steepest_over};
 use crate::field::Interval;
 use crate::frame::{CellBox, CellPoint, Element, Mat3, Vec3};
 
@@ -20,8 +20,8 @@ const SLOPE_ROUNDING: f64 = 1e-5;
 pub(super) struct Leaf {
     pub spline: Spline,
     pyramid: Pyramid,
-    /// Bound of the gradient's length over the element.
-    sup: f64,
+    /// Bounds of the gradient's length over the element.
+    slopes: Slopes,
     /// What single precision adds to an interval and to a gradient.
     rounding: [f64; 2],
     turns: Vec<Mat3>,
@@ -33,19 +33,26 @@ pub(super) struct Leaf {
 
 impl Leaf {
     /// The leaf on a grid that holds its waves, for an element; `whole_group` if the cell is the same
-    /// in all its numberings.
-    pub fn new(spectrum: Spectrum, grid: Grid, element: Element, whole_group: bool) -> Self {
+    /// in all its numberings. The surface is where values are those of `zero`.
+    pub fn new(
+        spectrum: Spectrum,
+        grid: Grid,
+        (element, whole_group): (Element, bool),
+        zero: Zero,
+    ) -> Self {
         let coefficients = spectrum.coefficients(&grid);
         let pyramid = Pyramid::new(&coefficients, &grid);
-        let steepest = steepest_over(&coefficients, &grid, element, whole_group);
+        let all = (&*coefficients, pyramid.largest());
+        let steepest = steepest_over(all, &grid, (element, whole_group), zero);
         let scale = grid.per_unit().into_iter().fold(0.0, f64::max);
         let largest = f64::from(pyramid.largest());
         let slope = f64::from(pyramid.query([0; 3], grid.samples).steepest);
         let placing = PLACING * grid.periods.into_iter().fold(0.0, f64::max);
         let slope_rounding = (SLOPE_ROUNDING * largest + 2.0 * placing * slope) * scale;
+        let rounding = ROUNDING * largest + placing * slope;
         Self {
-            sup: steepest * (1.0 + 1e-6) + slope_rounding,
-            rounding: [ROUNDING * largest + placing * slope, slope_rounding],
+            slopes: steepest.of_another(rounding, 1e-6 * slope + slope_rounding),
+            rounding: [rounding, slope_rounding],
             pyramid,
             spline: Spline::new(&coefficients, grid, spectrum.fold),
             error: spectrum.error_bounds(&grid),
@@ -160,9 +167,9 @@ impl Leaf {
         (from, count)
     }
 
-    /// Bound of the gradient's length over the element.
-    pub fn sup(&self) -> f64 {
-        self.sup
+    /// Bounds of the gradient's length over the element.
+    pub fn slopes(&self) -> &Slopes {
+        &self.slopes
     }
 
     /// Of its shortest wave, cycles per unit of reference length; `None` if it is no sum of waves.

@@ -26,6 +26,9 @@ const ALIASES: i32 = 4;
 /// stay aligned, as far as they go.
 const MULTIPLE: usize = 8;
 
+/// Greatest number of samples per axis that [`Table::with_tolerance`] uses.
+const LIMIT: usize = 256;
+
 /// Waves that a spectrum has left out.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Dropped {
@@ -40,6 +43,47 @@ pub(super) struct Dropped {
 }
 
 impl Table {
+    /// The smallest table whose [`Table::error_bound`] is at most `tolerance`, in field units, but
+    /// for rounding to single precision.
+    ///
+    /// # Errors
+    /// [`CellError::TableTooLarge`] if that takes more than 256 samples per axis.
+    pub fn with_tolerance(cell: &Cell, tolerance: f64) -> Result<Self, CellError> {
+        let form = function(cell);
+        let spectra = spectra(&form)?;
+        // Samples per axis beyond the least that holds every wave.
+        let mut excess = 1.0f64;
+        loop {
+            let wanted = |index: i32| {
+                let least = (2 * index as usize + 1).max(SMALLEST);
+                (least as f64 * excess).ceil() as usize
+            };
+            let grids: Vec<Grid> = spectra.iter().map(|s| s.grid(wanted)).collect();
+            let mut number = 0;
+            let [error, ..] = form.error_by(&mut |_| {
+                let (value, slope) = spectra[number].error_bounds(&grids[number]);
+                number += 1;
+                [value, slope, 0.0]
+            });
+            let largest = grids.iter().flat_map(|g| g.samples).max().unwrap_or(0);
+            if largest > LIMIT {
+                let index = spectra.iter().map(Spectrum::greatest).max().unwrap_or(0);
+                return Err(CellError::TableTooLarge {
+                    index,
+                    limit: LIMIT,
+                });
+            }
+            if error <= tolerance {
+                let leaves = spectra.into_iter().zip(grids).collect();
+                return Ok(Self::build(cell, form, leaves));
+            }
+            // The next larger size of the smallest grid.
+            let smallest = grids.iter().flat_map(|g| g.samples).filter(|n| *n > 1);
+            let smallest = smallest.min().unwrap_or(SMALLEST);
+            excess *= good_size(smallest + 1) as f64 / smallest as f64;
+        }
+    }
+
     /// The smallest table that displaces the surface by at most so much, in reference lengths, as measured
     /// at points of the element and of the surface: see [`Table::displacement`]. Waves that such a table is
     /// too coarse for are left out. 0 asks for as much as single precision holds. At most 160 samples per

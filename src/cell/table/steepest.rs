@@ -1,4 +1,7 @@
-//! The greatest length of a spline's gradient over an element.
+//! The greatest length of a spline's gradient over an element: all of it, and what of it is near the surface.
+//!
+//! Fits of distances are steepest far from the surface, where the distance has its kinks; what can happen
+//! within the band is bounded better by the slopes there.
 //!
 //! The Bernstein form bounds it in each spline cell, on coarse grids by a tenth too high; the cells whose
 //! bounds are greatest are halved until they are as good as a length that the gradient has somewhere.
@@ -20,6 +23,62 @@ const BOXES: usize = 4096;
 /// Coefficients of a cell along an axis.
 const COUNT: usize = 4;
 
+/// Shares of the largest coefficient: values up to them are near the surface, ascending; and all values.
+const LEVELS: [f32; 7] = [
+    1.0 / 64.0,
+    1.0 / 32.0,
+    1.0 / 16.0,
+    1.0 / 8.0,
+    1.0 / 4.0,
+    1.0 / 2.0,
+    f32::INFINITY,
+];
+
+/// Bounds of the gradient's length over an element.
+#[derive(Clone, Debug)]
+pub(super) struct Slopes {
+    /// Distances of values from the surface's, ascending, the last one infinite; and bounds over where the
+    /// function is at most so far from it.
+    near: [(f64, f64); LEVELS.len()],
+}
+
+impl Slopes {
+    /// Over all of the element.
+    pub fn everywhere(&self) -> f64 {
+        self.near[LEVELS.len() - 1].1
+    }
+
+    /// Over the points of the element with values at most this bound times `reach` from the surface's.
+    pub fn within(&self, reach: f64) -> f64 {
+        // None are known where no value is so near to the surface's.
+        let holds = |&&(level, slope): &&(f64, f64)| slope > 0.0 && slope * reach <= level;
+        let found = self.near.iter().find(holds);
+        found.map_or(self.everywhere(), |n| n.1)
+    }
+
+    /// The same of a function whose values differ by `value` at most, and whose slopes by `slope`.
+    #[must_use]
+    pub fn of_another(&self, value: f64, slope: f64) -> Self {
+        Self {
+            near: self.near.map(|(level, s)| (level - value, s + slope)),
+        }
+    }
+}
+
+/// Values of the surface: `half` and - `half`.
+#[derive(Clone, Copy)]
+pub(super) struct Zero {
+    pub half: f32,
+}
+
+impl Zero {
+    /// How far from the surface's a value between two is at least.
+    fn away(self, least: f32, greatest: f32) -> f32 {
+        let (low, high) = (least.max(-greatest).max(0.0), greatest.max(-least));
+        (low - self.half).max(self.half - high).max(0.0)
+    }
+}
+
 /// A spline cell and a bound of the gradient's length in it.
 #[derive(Clone, Copy)]
 struct Bounded {
@@ -27,15 +86,16 @@ struct Bounded {
     cell: [usize; 3],
 }
 
-/// A bound of the gradient's length over the spline cells that meet the element, from padded coefficients:
-/// the element's symmetries, which the turns of a series are among, keep the element. `whole_group` if the
-/// cell is the same in all its numberings.
+/// Bounds of the gradient's length over the spline cells that meet the element, from padded coefficients, the
+/// largest of which is `largest`: the element's symmetries, which the turns of a series are among, keep the
+/// element. `whole_group` if the cell is the same in all its numberings.
 pub(super) fn steepest_over(
-    coefficients: &[f32],
+    (coefficients, largest): (&[f32], f32),
     grid: &Grid,
-    element: Element,
-    whole_group: bool,
-) -> f64 {
+    (element, whole_group): (Element, bool),
+    zero: Zero,
+) -> Slopes {
+    let levels = LEVELS.map(|share| share * largest.max(f32::MIN_POSITIVE));
     let scale = grid.per_unit();
     let step = Vec3::from(scale.map(f64::recip));
     let around = element.cell_box();
@@ -54,7 +114,10 @@ pub(super) fn steepest_over(
     let wedge = whole_group && matches!(element, Element::Tet | Element::Hex);
     let near = |i: i64, c: i64| !wedge || (i >= -1 && c.abs() <= i + 2);
     let in_slab = |i: i64| {
-        let (mut steepest, mut found) = (0f32, Vec::new());
+        let (mut steepest, mut found) = (
+            [0f32; LEVELS.len()],
+            [(); LEVELS.len()].map(|()| Vec::new()),
+        );
         for j in ys.clone().filter(|&j| near(i, j)) {
             // Of the row's cells that were bounded last.
             let (mut last, mut ranges) = (usize::MAX, [Range::NOTHING; TOGETHER]);
@@ -69,28 +132,47 @@ pub(super) fn steepest_over(
                         last = z / TOGETHER;
                         ranges = hulls(coefficients, grid, [x, y, last * TOGETHER]);
                     }
-                    let most = ranges[z % TOGETHER].steepest;
-                    steepest = steepest.max(most);
-                    if most > WORTH * steepest {
-                        found.push(Bounded { most, cell });
+                    let range = ranges[z % TOGETHER];
+                    let (most, away) = (range.steepest, zero.away(range.least, range.greatest));
+                    for (n, _) in levels.iter().enumerate().filter(|l| *l.1 >= away) {
+                        steepest[n] = steepest[n].max(most);
+                        if most > WORTH * steepest[n] {
+                            found[n].push(Bounded { most, cell });
+                        }
                     }
                 }
             }
         }
-        found.retain(|c| c.most > WORTH * steepest);
+        for (found, steepest) in found.iter_mut().zip(steepest) {
+            found.retain(|c: &Bounded| c.most > WORTH * steepest);
+        }
         (steepest, found)
     };
     let slabs: Vec<_> = xs.into_par_iter().map(in_slab).collect();
-    let most = slabs.iter().fold(0f32, |m, s| m.max(s.0));
-    let worth = slabs.into_iter().flat_map(|s| s.1);
-    let worth = worth.filter(|c| c.most > WORTH * most);
-    let boxes = worth.map(|c| Part::whole(coefficients, grid, c)).collect();
-    refined(boxes).max(f64::from(WORTH * most))
+    let bound = |n: usize| {
+        let most = slabs.iter().fold(0f32, |m, s| m.max(s.0[n]));
+        let worth = slabs.iter().flat_map(|s| &s.1[n]);
+        let worth = worth.filter(|c| c.most > WORTH * most);
+        let near = (zero, f64::from(levels[n]));
+        let boxes = worth.map(|&c| Part::whole(coefficients, grid, c, near));
+        refined(boxes.collect(), near).max(f64::from(WORTH * most))
+    };
+    let bounds: Vec<_> = (0..LEVELS.len()).into_par_iter().map(bound).collect();
+    let mut steepest = 0.0;
+    let near = std::array::from_fn(|n| {
+        // Bounds are as good as a thousandth.
+        steepest = bounds[n].max(steepest);
+        (f64::from(levels[n]), steepest)
+    });
+    Slopes { near }
 }
 
-/// A bound of the gradient's length over all of some boxes, close to the greatest that it has at one of
-/// their corners.
-fn refined(mut boxes: BinaryHeap<Part>) -> f64 {
+/// Where values are at most so far from the surface's.
+type Near = (Zero, f64);
+
+/// A bound of the gradient's length over what of some boxes is near the surface, close to the greatest that it
+/// has there at one of their corners.
+fn refined(mut boxes: BinaryHeap<Part>, near: Near) -> f64 {
     let mut known = boxes.iter().fold(0.0, |k: f64, b| k.max(b.known));
     for _ in 0..BOXES {
         match boxes.peek() {
@@ -98,7 +180,7 @@ fn refined(mut boxes: BinaryHeap<Part>) -> f64 {
             _ => break,
         }
         let Some(first) = boxes.pop() else { break };
-        for part in first.parts() {
+        for part in first.parts(near) {
             known = known.max(part.known);
             if part.most > known {
                 boxes.push(part);
@@ -119,8 +201,9 @@ type Cubic = [f64; COUNT * COUNT * COUNT];
 /// How far apart coefficients are that follow one another along an axis.
 const STRIDES: [usize; 3] = [COUNT * COUNT, COUNT, 1];
 
-/// Part of a spline cell: the gradient's bound there, and a length that it has at a corner.
+/// Part of a spline cell: the gradient's bound near the surface there, and a length that it has at a corner.
 struct Part {
+    /// 0 if no part of it is near.
     most: f64,
     known: f64,
     /// Of the Bernstein form.
@@ -144,7 +227,12 @@ fn along(form: &Cubic, stride: usize, f: impl Fn([f64; COUNT]) -> [f64; COUNT]) 
 
 impl Part {
     /// All of a spline cell.
-    fn whole(coefficients: &[f32], grid: &Grid, Bounded { most, cell }: Bounded) -> Self {
+    fn whole(
+        coefficients: &[f32],
+        grid: &Grid,
+        Bounded { most, cell }: Bounded,
+        near: Near,
+    ) -> Self {
         let [_, sy, sz] = grid.padded();
         let [x, y, z] = cell;
         let mut form = [0.0; COUNT * COUNT * COUNT];
@@ -162,14 +250,27 @@ impl Part {
                 ]
             });
         }
-        let all = Self::new(Box::new(form), grid.per_unit());
+        let all = Self::new(Box::new(form), grid.per_unit(), near);
         Self {
             most: all.most.min(f64::from(most)),
             ..all
         }
     }
 
-    fn new(form: Box<Cubic>, per_unit: [f64; 3]) -> Self {
+    fn new(form: Box<Cubic>, per_unit: [f64; 3], (zero, level): Near) -> Self {
+        let is_near = |least: f64, greatest: f64| {
+            f64::from(zero.away(least as f32, greatest as f32)) <= level
+        };
+        let extreme = |least, pick: fn(f64, f64) -> f64| form.iter().copied().fold(least, pick);
+        let least = extreme(f64::INFINITY, f64::min);
+        if !is_near(least, extreme(f64::NEG_INFINITY, f64::max)) {
+            return Self {
+                most: 0.0,
+                known: 0.0,
+                form,
+                per_unit,
+            };
+        }
         // Derivatives, raised to the third degree.
         let [x, y, z] = [0, 1, 2].map(|axis| {
             along(&form, STRIDES[axis], |[a, b, c, d]| {
@@ -188,6 +289,7 @@ impl Part {
             STRIDES
                 .iter()
                 .all(|s| [0, COUNT - 1].contains(&(n / s % COUNT)))
+                && is_near(form[*n], form[*n])
         };
         let lengths = |from: &mut dyn Iterator<Item = usize>| from.map(length).fold(0.0, f64::max);
         Self {
@@ -199,8 +301,8 @@ impl Part {
     }
 
     /// Its eight halves by axis.
-    fn parts(&self) -> impl Iterator<Item = Self> {
-        (0..8).map(|n| {
+    fn parts(&self, near: Near) -> impl Iterator<Item = Self> {
+        (0..8).map(move |n| {
             let mut form = self.form.clone();
             for (axis, stride) in STRIDES.into_iter().enumerate() {
                 let is_far = n >> axis & 1 != 0;
@@ -217,7 +319,7 @@ impl Part {
                     }
                 });
             }
-            Self::new(form, self.per_unit.map(|p| 2.0 * p))
+            Self::new(form, self.per_unit.map(|p| 2.0 * p), near)
         })
     }
 }

@@ -67,13 +67,15 @@ impl Found {
         self.weights[row][n % ROW] += weight;
     }
 
-    /// Distances of those of `len` points for which scales have been added.
-    pub fn finish(&mut self, len: usize, half_width: f64) {
+    /// Distances of those of `len` points for which scales have been added; those are told which are not
+    /// within the half width though their values are at most `change`: a bit each.
+    pub fn finish(&mut self, len: usize, [half_width, change]: [f64; 2]) -> u64 {
         lanes::run(Finish {
             found: self,
             len,
             half_width,
-        });
+            change,
+        })
     }
 
     /// Values of row `row`.
@@ -95,6 +97,7 @@ struct Finish<'a> {
     found: &'a mut Found,
     len: usize,
     half_width: f64,
+    change: f64,
 }
 
 impl Work for Decide<'_> {
@@ -117,12 +120,15 @@ impl Work for Decide<'_> {
 }
 
 impl Work for Finish<'_> {
-    type Output = ();
+    type Output = u64;
 
     #[inline(always)]
-    fn run<L: Lanes>(self, lanes: L) {
+    fn run<L: Lanes>(self, lanes: L) -> u64 {
         let zero = Eight::of(lanes, &[0.0; ROW]);
         let w = zero.like(self.half_width);
+        // What rounds to it in single precision is not within it.
+        let (within, change) = (w * zero.like(1.0 - 1e-6), zero.like(self.change));
+        let mut told = 0;
         for row in 0..self.len.div_ceil(ROW).min(MOST / ROW) {
             let Some(f) = self.found.values(lanes, row) else {
                 break;
@@ -131,7 +137,10 @@ impl Work for Finish<'_> {
             let d = f * Eight::of(lanes, &self.found.scales[row]) / weights;
             let d = d.min(w).max(zero - w);
             let other = Eight::of(lanes, &self.found.d[row]);
+            let near = f.abs().bits_below(change) & !d.abs().bits_below(within);
+            told |= u64::from(near) << (ROW * row);
             self.found.d[row] = zero.below(weights, d, other).row();
         }
+        told
     }
 }

@@ -26,6 +26,10 @@ pub(super) struct Rule {
     /// Which lie in one only: not on faces, nor where a scaffold overlaps itself.
     pub single: u64,
     pub found: Found,
+    /// How much |F| may change from a sample to its neighbours, and whether some sample, as far from the surface
+    /// as the half width, was found where it is not greater, or where the scaffold overlaps itself.
+    pub change: f64,
+    pub is_open: bool,
     /// How deep points lie in their owners, world units, if others share in them.
     depth: PerPoint<f64>,
     /// Points of the walk: their numbers, and their weights.
@@ -54,10 +58,13 @@ impl Rule {
         if self.placed.len() < count {
             self.placed.resize_with(count, Placed::default);
         }
-        let (mut open, mut again) = (bundle.real, 0);
+        let (mut open, mut again, mut deep) = (bundle.real, 0, 0);
         for (placed, patch) in self.placed.iter_mut().zip(patches) {
             patch.place(bundle, delta, placed);
             again |= placed.owns & !open;
+            // By more than their faces.
+            self.is_open |= (placed.owns & deep | placed.deep & !open) & bundle.real != 0;
+            deep |= placed.deep;
             placed.owns &= open;
             open &= !placed.owns;
         }
@@ -117,6 +124,8 @@ impl<F: Filling> TiledSolid<'_, F> {
             placed,
             owned,
             found,
+            change,
+            is_open,
             depth: PerPoint(depth),
             items: PerPoint(items),
             walk,
@@ -139,6 +148,7 @@ impl<F: Filling> TiledSolid<'_, F> {
         }
         // Every scale is at least 1 / L.
         let band = found.decide(bundle.len(), [w * sup, w]) & *owned;
+        *is_open |= *change > w * sup;
         if band == 0 || wanted == Wanted::Signs {
             return;
         }
@@ -190,6 +200,6 @@ impl<F: Filling> TiledSolid<'_, F> {
                 found.add(usize::from(n), weight, walk.scale(k));
             }
         }
-        found.finish(bundle.len(), w);
+        *is_open |= found.finish(bundle.len(), [w, *change]) & band != 0;
     }
 }

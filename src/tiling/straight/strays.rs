@@ -5,7 +5,7 @@ use super::block::Scene;
 use super::bundle::{MOST, bits};
 use crate::frame::{Aabb, Vec3};
 use crate::tiling::boundary::Known;
-use crate::tiling::near::{Local, Near};
+use crate::tiling::near::Local;
 use crate::tiling::{Filling, TiledSolid};
 
 /// Further outside all elements than this share of a voxel a point is not between two by rounding.
@@ -22,11 +22,8 @@ pub(super) struct Stray {
 impl<F: Filling> TiledSolid<'_, F> {
     /// The value at a sample, looked for by itself.
     pub(super) fn alone(&self, scene: &Scene, stray: &Stray, known: Known) -> f64 {
-        let near = Near {
-            patches: scene.near.patches.clone(),
-            slope_sup: scene.near.slope_sup,
-        };
-        self.value_at(scene.component, &mut Local::new(near), stray.x, known)
+        let mut local = Local::new(scene.near.clone());
+        self.value_at(scene.component, &mut local, stray.x, known)
     }
 
     /// Values outside the scaffold: at the closest points of its boundary, and not less than the distance

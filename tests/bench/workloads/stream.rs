@@ -20,6 +20,8 @@ struct Told {
     peak: f64,
     seconds: f64,
     active_voxels: u64,
+    /// Leaves visited against leaves kept, and voxels evaluated against active ones.
+    counts: [f64; 2],
 }
 
 /// Runs W4 with so many voxels along the edge of a cell within a budget.
@@ -40,14 +42,20 @@ fn written(voxels: u32, memory: &str) -> Result<Told, Fault> {
     let stages = report["stages"]
         .as_array()
         .ok_or("a report without stages")?;
+    let band = |key: &str| number(&report["band"][key]);
+    let counts = [
+        band("leaves_touched")? / band("leaves_kept")?,
+        band("voxels_evaluated")? / band("active_voxels")?,
+    ];
     Ok(Told {
+        counts,
         peak: number(&report["peak_memory_bytes"])?,
         seconds: stages.iter().filter_map(|s| s["seconds"].as_f64()).sum(),
         active_voxels: report["band"]["active_voxels"].as_u64().unwrap_or(0),
     })
 }
 
-/// P11: memory and time of W4, in full or at an eighth of its scale.
+/// P11: memory and time of W4, in full or at an eighth of its scale; P10.w4, its counts.
 pub fn larger_than_memory(setting: &Setting) -> Result<Vec<Found>, Fault> {
     let voxels = if setting.full { VOXELS } else { VOXELS / 8 };
     let told = written(voxels, "1G")?;
@@ -61,7 +69,13 @@ pub fn larger_than_memory(setting: &Setting) -> Result<Vec<Found>, Fault> {
             format!("--full; {:.1} s at {voxels} voxels a cell", told.seconds),
         )
     };
-    Ok(vec![Found::new("P11", told.peak / GIB, note), seconds])
+    let [leaves, evaluated] = told.counts;
+    Ok(vec![
+        Found::new("P11", told.peak / GIB, note.clone()),
+        seconds,
+        Found::new("P10.w4", leaves, note.clone()),
+        Found::new("P10.w4.evaluated", evaluated, note),
+    ])
 }
 
 /// P11.growth: peak memory of a part of eight times the voxels, at the same budget.

@@ -193,6 +193,10 @@ const W2: Keys = Keys {
     leaves: "P10.w2",
     evaluated: "P10.w2.evaluated",
 };
+const LARGE_TETS: Keys = Keys {
+    leaves: "P10.tets",
+    evaluated: "P10.tets.evaluated",
+};
 const W3: Keys = Keys {
     leaves: "P10.w3",
     evaluated: "P10.w3.evaluated",
@@ -240,7 +244,7 @@ pub fn struts_in_tets(_: &Setting) -> Result<Vec<Found>, Fault> {
     Ok(found)
 }
 
-/// P8.nodes: what it gains to tell leaves of large cells by nodes.
+/// P8.nodes, what it gains to tell leaves of large cells by nodes, and their counts.
 pub fn struts_in_large_tets(_: &Setting) -> Result<Vec<Found>, Fault> {
     let [longest, pitch] = LARGE;
     let scaffold = ellipsoid(longest, pitch)?;
@@ -261,7 +265,9 @@ pub fn struts_in_large_tets(_: &Setting) -> Result<Vec<Found>, Fault> {
         "{ratios}; {told} of {} leaves told by nodes",
         stats.leaves_touched
     );
-    Ok(vec![Found::new("P8.nodes", ratios.median, note)])
+    let mut found = vec![Found::new("P8.nodes", ratios.median, note)];
+    found.extend(counts(&LARGE_TETS, &stats));
+    Ok(found)
 }
 
 /// P7, and what two threads make of W2's time: ratios, for which a smaller one will do.

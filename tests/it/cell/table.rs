@@ -142,3 +142,47 @@ fn the_gradients_bound_is_nearly_reached() {
         }
     }
 }
+
+/// What is near the surface is bounded there, also where a fit of a distance is steeper elsewhere.
+#[test]
+fn slopes_near_the_surface_have_a_bound_of_their_own() {
+    const SIDE: usize = 48;
+    let mut is_ever_less = false;
+    for (surface, solid, level) in [
+        (Surface::SchwarzP, Solid::Below, 0.4),
+        (Surface::Neovius, Solid::Below, 0.0),
+        (Surface::Iwp, Solid::Sheet, 0.3),
+        (Surface::Diamond, Solid::Above, 0.1),
+    ] {
+        let cell = surface.cell(Element::Tet).unwrap();
+        let cell = cell.with_solid(solid, level).unwrap();
+        let table = Table::new(&cell).unwrap();
+        let around = Element::Tet.cell_box();
+        let size = around.max - around.min;
+        let samples: Vec<_> = (0..SIDE.pow(3))
+            .map(|n| {
+                let at = [n / (SIDE * SIDE), n / SIDE % SIDE, n % SIDE];
+                let at = Vec3::from(at.map(|i| i as f64 / (SIDE - 1) as f64));
+                CellPoint(around.min + size.component_mul(&at))
+            })
+            .filter(|&p| Element::Tet.face_distance(p) <= 0.0)
+            .map(|p| table.value_and_gradient(p))
+            .collect();
+        let mut last = 0.0;
+        for reach in [0.0, 0.01, 0.03, 0.1, 0.3, 1.0, f64::INFINITY] {
+            let sup = table.gradient_sup_near(reach);
+            assert!(last <= sup && sup <= table.gradient_sup());
+            last = sup;
+            is_ever_less |= sup < 0.9 * table.gradient_sup();
+            for (v, g) in &samples {
+                assert!(
+                    v.abs() > sup * reach || g.norm() <= sup,
+                    "{surface:?} {solid:?} {reach}: {v} {} {sup}",
+                    g.norm()
+                );
+            }
+        }
+        assert_eq!(last, table.gradient_sup());
+    }
+    assert!(is_ever_less);
+}

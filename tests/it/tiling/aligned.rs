@@ -1,5 +1,6 @@
 //! Boxes of hexes along the voxels: the way through tables along the axes beside the general one.
 
+use super::same_band_when_slow;
 use crate::band::dense_region;
 use druse::band::{Band, LeafMap};
 use druse::cell::{Cell, Solid, Surface, Table};
@@ -246,25 +247,6 @@ fn bounds_contain_what_the_box_cuts() {
     }
 }
 
-/// A tiling that gives values and bounds, and knows nothing sooner.
-struct Slow<'a>(TiledSolid<'a>);
-
-impl Field for Slow<'_> {
-    type Point = WorldPoint;
-    fn value(&self, p: WorldPoint) -> f64 {
-        self.0.value(p)
-    }
-    fn value_and_gradient(&self, p: WorldPoint) -> (f64, Vec3) {
-        self.0.value_and_gradient(p)
-    }
-    fn bound(&self, region: &Aabb) -> Interval {
-        self.0.bound(region)
-    }
-    fn fill(&self, lattice: &SampleLattice<WorldPoint>, out: &mut [f32]) {
-        self.0.fill(lattice, out);
-    }
-}
-
 #[test]
 fn a_band_is_the_same_without_what_the_field_knows_sooner() {
     // The second one is coarse, so that every sample has its own scale, and its band is narrow, so that
@@ -288,35 +270,14 @@ fn a_band_is_the_same_without_what_the_field_knows_sooner() {
                 distance: Distance::Fast,
                 boundary,
             };
-            let tiled = || TiledSolid::new(&hexes, &table, options).unwrap();
-            let (fast, slow) = (tiled(), Slow(tiled()));
-            let fields: [&druse::field::WorldField; 3] = [&fast, &fast, &slow];
-            let [one, two, slow] = [(0, 1), (1, 2), (2, 2)].map(|(n, threads)| {
-                let band = Band {
-                    field: fields[n],
-                    transform: Transform::new(h).unwrap(),
-                    half_width,
-                    extent: hexes.bounds(),
-                };
-                let sink = LeafMap::default();
-                let threads = Threads::new(threads).unwrap();
-                let stats = band.evaluate(&threads, &Silent, &sink).unwrap();
-                let leaves = sink.into_leaves();
-                let bits = |mask: &[u64; 8]| mask.iter().map(|w| w.count_ones()).sum::<u32>();
-                let active: u64 = leaves.values().map(|l| u64::from(bits(&l.0))).sum();
-                assert_eq!(stats.active_voxels, active, "{}", cell.name());
-                leaves
-            });
-            assert!(one == two);
-            assert!(!one.is_empty());
-            for (origin, leaf) in &slow {
-                assert!(one.get(origin) == Some(leaf), "{} {origin:?}", cell.name());
-                let beyond = |n: usize| leaf.1[n].abs() >= (half_width * h) as f32;
+            let tiled = TiledSolid::new(&hexes, &table, options).unwrap();
+            let leaves = same_band_when_slow(&tiled, options, hexes.bounds());
+            let beyond = |v: f32| v.abs() >= (half_width * h) as f32;
+            for (mask, values) in leaves.values() {
                 by_signs += (0..512)
-                    .filter(|&n| leaf.0[n >> 6] >> (n & 63) & 1 == 1 && beyond(n))
+                    .filter(|&n| mask[n >> 6] >> (n & 63) & 1 == 1 && beyond(values[n]))
                     .count();
             }
-            assert_eq!(one.len(), slow.len());
         }
         // Else the law would be an empty one.
         assert!(half_width > 1.0 || by_signs > 0);
