@@ -67,6 +67,39 @@ impl Patch {
     }
 }
 
+impl Patch {
+    /// The same with other triangles over its vertices, without those that none has. Other patches must not
+    /// name these; a [`Welder`] finds out. `reach` is the greatest x of the patches that come with it.
+    #[must_use]
+    pub fn with_triangles(&self, triangles: &[[u32; 3]], reach: i32) -> Self {
+        let mut number = vec![None; self.vertices.len()];
+        for &v in triangles.as_flattened() {
+            number[v as usize] = Some(0);
+        }
+        let (mut vertices, mut owned) = (Vec::new(), 0);
+        for (n, own) in number.iter_mut().enumerate().filter(|n| n.1.is_some()) {
+            *own = Some(vertices.len() as u32);
+            vertices.push(self.vertices[n]);
+            owned += usize::from(n < self.owned);
+        }
+        let lower = self.lower.iter();
+        let upper = self.upper.iter().zip(&number[self.owned..]);
+        Self {
+            vertices,
+            owned,
+            triangles: triangles
+                .iter()
+                .map(|t| t.map(|v| number[v as usize].unwrap_or(0)))
+                .collect(),
+            lower: lower
+                .filter_map(|&(edge, n)| Some((edge, number[n as usize]?)))
+                .collect(),
+            upper: upper.filter_map(|(edge, n)| n.map(|_| *edge)).collect(),
+            reach,
+        }
+    }
+}
+
 /// The edges of a leaf that carry a vertex, in order, with its number.
 fn each_edge(sheet: &Sheet, n: usize, mut visit: impl FnMut(Edge, u32)) {
     let (edges, origin) = (&sheet.edges[n], sheet.leaves[n].origin);

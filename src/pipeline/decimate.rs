@@ -3,52 +3,77 @@
 //! Metrics*, 1997).
 
 use super::error::RunError;
+use crate::frame::{Aabb, Vec3};
 use crate::mesh::TriMesh;
+use crate::mesher::Patch;
+use crate::recipe::{Decimate, Scale};
 use meshopt::{SimplifyOptions, VertexDataAdapter, simplify, simplify_scale, typed_to_bytes};
 
-/// A mesh with about `share` of the triangles, more where the surface would move by more than `error`
-/// (the mesh's unit). Vertices stay where they are; those no longer used are left out.
-pub(super) fn decimated(
-    mesh: &TriMesh,
+/// How few triangles are wanted.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Wish {
+    /// Of the triangles, how many are left.
     share: f64,
+    /// Most that the surface may move, in the mesh's unit: more triangles are left where it would.
     error: Option<f64>,
-) -> Result<TriMesh, RunError> {
-    if mesh.is_empty() {
-        return Ok(mesh.clone());
-    }
-    // From the middle of the box, so that single precision suffices.
-    let centre = mesh.bounds().centre().0;
-    let places: Vec<[f32; 3]> = mesh
-        .vertices()
-        .iter()
-        .map(|v| (v - centre).map(|c| c as f32).into())
-        .collect();
-    let failed = |e: &dyn std::fmt::Display| RunError::Decimate(e.to_string());
-    let data = VertexDataAdapter::new(typed_to_bytes(&places), 12, 0).map_err(|e| failed(&e))?;
-    let wanted = (mesh.triangles().len() as f64 * share).ceil() as usize * 3;
-    let relative = error.map_or(1.0, |e| e / f64::from(simplify_scale(&data)));
-    let indices = simplify(
-        mesh.triangles().as_flattened(),
-        &data,
-        wanted,
-        relative as f32,
-        SimplifyOptions::None,
-        None,
-    );
-    let mut number = vec![u32::MAX; places.len()];
-    let mut vertices = Vec::new();
-    let mut triangles = Vec::with_capacity(indices.len() / 3);
-    for corners in indices.chunks_exact(3) {
-        let mut triangle = [0; 3];
-        for (own, &v) in triangle.iter_mut().zip(corners) {
-            let entry = &mut number[v as usize];
-            if *entry == u32::MAX {
-                *entry = vertices.len() as u32;
-                vertices.push(mesh.vertices()[v as usize]);
-            }
-            *own = *entry;
+}
+
+impl Wish {
+    pub fn new(wish: &Decimate, scale: Scale) -> Self {
+        Self {
+            share: wish.share.0,
+            error: wish.error.map(|e| e.resolve(scale)),
         }
-        triangles.push(triangle);
     }
-    TriMesh::new(vertices, triangles).map_err(|e| failed(&e))
+
+    /// Fewer triangles over the same vertices, none of which moves.
+    fn simplified(
+        self,
+        vertices: &[Vec3],
+        triangles: &[[u32; 3]],
+        options: SimplifyOptions,
+    ) -> Result<Vec<[u32; 3]>, RunError> {
+        if triangles.is_empty() {
+            return Ok(Vec::new());
+        }
+        // From the middle of the box, so that single precision suffices.
+        let centre = Aabb::of(vertices.iter().copied()).centre().0;
+        let place = |v: &Vec3| (v - centre).map(|c| c as f32).into();
+        let places: Vec<[f32; 3]> = vertices.iter().map(place).collect();
+        let data = VertexDataAdapter::new(typed_to_bytes(&places), 12, 0);
+        let data = data.map_err(|e| RunError::Decimate(e.to_string()))?;
+        let wanted = (triangles.len() as f64 * self.share).ceil() as usize * 3;
+        let relative = self
+            .error
+            .map_or(1.0, |e| e / f64::from(simplify_scale(&data)));
+        let indices = triangles.as_flattened();
+        let fewer = simplify(indices, &data, wanted, relative as f32, options, None);
+        Ok(fewer.as_chunks().0.to_vec())
+    }
+}
+
+/// A mesh with about as many of the triangles as wished. Vertices stay where they are; those no longer used
+/// are left out.
+pub(super) fn decimated(mesh: &TriMesh, wish: Wish) -> Result<TriMesh, RunError> {
+    let few = wish.simplified(mesh.vertices(), mesh.triangles(), SimplifyOptions::None)?;
+    let mut number = vec![u32::MAX; mesh.vertices().len()];
+    let mut vertices = Vec::new();
+    let mut numbered = |v: u32| {
+        let entry = &mut number[v as usize];
+        if *entry == u32::MAX {
+            *entry = vertices.len() as u32;
+            vertices.push(mesh.vertices()[v as usize]);
+        }
+        *entry
+    };
+    let triangles = few.into_iter().map(|t| t.map(&mut numbered)).collect();
+    TriMesh::new(vertices, triangles).map_err(|e| RunError::Decimate(e.to_string()))
+}
+
+/// The same of a part of a mesh, with all that it shares with others, so that they still fit together.
+/// `reach` is the greatest x of the parts that come with it.
+pub(super) fn decimated_patch(patch: &Patch, wish: Wish, reach: i32) -> Result<Patch, RunError> {
+    let options = SimplifyOptions::LockBorder;
+    let few = wish.simplified(&patch.vertices, &patch.triangles, options)?;
+    Ok(patch.with_triangles(&few, reach))
 }

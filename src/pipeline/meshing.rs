@@ -1,6 +1,7 @@
 //! Meshes of the finished solid, made as an output wants them and written.
 
 use super::attributes::Attributes;
+use super::decimate::{Wish, decimated};
 use super::error::RunError;
 use super::operate::Bench;
 use super::output::Finished;
@@ -93,8 +94,7 @@ pub(super) fn write(
     };
     if let (Some(wish), Surface::Triangles(mesh)) = (&output.decimate, &surface) {
         bench.progress.stage("decimate", None);
-        let error = wish.error.map(|e| e.resolve(bench.scale));
-        let fewer = super::decimate::decimated(mesh, wish.share.0, error)?;
+        let fewer = decimated(mesh, Wish::new(wish, bench.scale))?;
         surface = Surface::Triangles(Cow::Owned(fewer));
     }
     let factor = bench.scale.unit.to(unit);

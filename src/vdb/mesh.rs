@@ -2,11 +2,13 @@
 //! run clockwise seen from outside.
 
 use super::{LevelSet, Session, VdbError, ffi};
-use crate::band::Region;
+use crate::band::{BLOCK, LEAF, Region};
 use crate::field::WorldField;
-use crate::frame::{Transform, Vec3};
+use crate::frame::{Coord, Transform, Vec3};
 use crate::mesh::{QuadMesh, TriMesh};
 use crate::mesher::{LeafValues, Mesher, MesherError, Patch};
+use rayon::prelude::*;
+use std::collections::BTreeMap;
 
 impl LevelSet {
     /// The zero set as triangles, counter-clockwise seen from outside, in world units, by
@@ -71,6 +73,49 @@ impl LevelSet {
             .threads
             .install(|| mesher.patch(&values(&leaves), region, session.progress));
         Ok(made?)
+    }
+
+    /// The same for each block of 128^3 voxels of a region of whole blocks, the last one first, made into
+    /// something else by all threads.
+    ///
+    /// # Errors
+    /// As [`LevelSet::patch`], or what `make` refuses.
+    pub fn block_patches<T: Send, E: From<VdbError> + Send>(
+        &self,
+        region: Region,
+        far: f64,
+        exact: Option<&WorldField>,
+        session: Session<'_>,
+        make: impl Fn(Patch) -> Result<T, E> + Sync,
+    ) -> Result<Vec<T>, E> {
+        let leaves = self.leaves()?;
+        let all = values(&leaves);
+        let mut mesher = Mesher::new(self.transform)
+            .placed(self.origin)
+            .reaching(far);
+        if let Some(field) = exact {
+            mesher = mesher.on(field);
+        }
+        let mut of_block: BTreeMap<Coord, Vec<usize>> = BTreeMap::new();
+        for (n, leaf) in all.iter().enumerate() {
+            // The cells of a leaf below reach into it.
+            let around = Region::cube(leaf.origin.offset(-LEAF, -LEAF, -LEAF), 2 * LEAF);
+            for block in around.cubes(BLOCK) {
+                of_block.entry(block).or_default().push(n);
+            }
+        }
+        let blocks: Vec<_> = of_block.into_iter().rev().collect();
+        let within = |block: &Coord| region.meets(*block, BLOCK);
+        session.threads.install(|| {
+            let blocks = blocks.par_iter().filter(|(block, _)| within(block));
+            blocks
+                .map(|(block, own)| {
+                    let own: Vec<LeafValues> = own.iter().map(|&n| all[n]).collect();
+                    let patch = mesher.patch(&own, Region::cube(*block, BLOCK), session.progress);
+                    make(patch.map_err(VdbError::from)?)
+                })
+                .collect()
+        })
     }
 
     /// The zero set as quadrilaterals, counter-clockwise seen from outside, in world units: one for each

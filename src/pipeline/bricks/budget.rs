@@ -1,7 +1,7 @@
 //! What bricks cost: memory, and room on the disk.
 
 use super::super::error::RunError;
-use super::super::estimate::{self, Counts, LEAF_BYTES, copies, numbers_at_vertices};
+use super::super::estimate::{self, Counts, LEAF_BYTES, PER_FEWER, copies, numbers_at_vertices};
 use super::super::memory;
 use super::super::stock::Stock;
 use super::super::voxels::Voxels;
@@ -64,7 +64,13 @@ pub(crate) fn needs(stock: &Stock, threads: &Threads, counts: &Counts, edge: u32
     // Meshing: the leaves with a layer around them, and their points.
     let points = 0.25 * counts.active / counts.leaves.max(1.0);
     let numbers = 4.0 * most_at_vertices(stock) as f64;
-    let meshed = leaves(8.0) * (LEAF_BYTES + (PER_POINT + numbers) * points);
+    let mut outputs = stock.recipe.sections().output.iter();
+    let fewer = if outputs.any(|o| o.decimate.is_some()) {
+        PER_FEWER
+    } else {
+        0.0
+    };
+    let meshed = leaves(8.0) * (LEAF_BYTES + (PER_POINT + fewer + numbers) * points);
     let divided = if wants_segments(stock.recipe) {
         // Parts of others, and a place for each leaf.
         let halo = f64::from(removal_halo(Voxels::first(stock).half_width));

@@ -65,6 +65,7 @@ pub(super) fn measure(
             let patch = solid.patch(region, far, Some(field), session);
             files.add(bench, &patch.map_err(&failed)?, true)?;
         }
+        files.add_fewer(bench, &solid, (region, far))?;
         yard.progress.advance(1);
     }
     Ok(found)

@@ -3,6 +3,7 @@
 use super::super::Targets;
 use super::super::attributes::Attributes;
 use super::super::beams::beams as beams_of;
+use super::super::decimate::{Wish, decimated_patch};
 use super::super::error::RunError;
 use super::super::meshing::farthest;
 use super::super::operate::Bench;
@@ -10,13 +11,14 @@ use super::super::report::MeshFacts;
 use super::super::shape::{Shape, shape};
 use super::Yard;
 use super::solid::Bricks;
+use crate::band::Region;
 use crate::field::WorldField;
 use crate::frame::LengthUnit;
 use crate::io::{BeamLattice, MeshPart, MeshStream, write_beams};
 use crate::mesh::TriMesh;
 use crate::mesher::{Patch, Welder};
 use crate::recipe::OutputKind;
-use crate::vdb::VdbError;
+use crate::vdb::{LevelSet, VdbError};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
@@ -28,6 +30,8 @@ struct MeshOut<'a> {
     factor: f64,
     /// Whether its vertices are where the exact field vanishes.
     is_exact: bool,
+    /// With fewer triangles it numbers its vertices for itself.
+    fewer: Option<(Wish, Welder)>,
     attributes: Attributes<'a>,
     facts: MeshFacts,
 }
@@ -46,8 +50,41 @@ pub(super) struct Meshes<'a> {
     beams: Vec<BeamsOut>,
     /// The field that the solid is a sample of, where any vertices are moved onto it.
     exact: Option<Shape<'a>>,
-    /// Of the triangles of the level set, and of the exact field.
+    /// Of all triangles of the level set, and of the exact field.
     welders: [Welder; 2],
+}
+
+fn weld(welder: &mut Welder, patch: &Patch) -> Result<Vec<[u32; 3]>, RunError> {
+    let unmade = |e| RunError::level_set("mesh")(VdbError::from(e));
+    welder.weld(patch).map_err(unmade)
+}
+
+impl MeshOut<'_> {
+    /// Adds a patch whose triangles are also known in numbers of the whole, with vertices on the exact field
+    /// if there is one.
+    fn add(
+        &mut self,
+        bench: Bench,
+        patch: &Patch,
+        (numbered, exact): (&[[u32; 3]], Option<&Shape>),
+    ) -> Result<(), RunError> {
+        let own = &patch.vertices[..patch.owned];
+        self.file.add(MeshPart {
+            vertices: &patch.vertices,
+            owned: patch.owned,
+            triangles: &patch.triangles,
+            numbered,
+            numbers: &self.attributes.rows(bench, own),
+            factor: self.factor,
+        })?;
+        self.facts.faces += patch.triangles.len() as u64;
+        if let Some(exact) = exact {
+            let measure = || farthest(own, &*exact.field);
+            let error = bench.threads.install(measure);
+            self.facts.error = self.facts.error.map(|e| e.max(error));
+        }
+        Ok(())
+    }
 }
 
 impl<'a> Meshes<'a> {
@@ -77,6 +114,10 @@ impl<'a> Meshes<'a> {
                 file: MeshStream::create(path, unit, attributes.names())?,
                 factor,
                 is_exact: output.project,
+                fewer: output
+                    .decimate
+                    .as_ref()
+                    .map(|wish| (Wish::new(wish, bench.scale), Welder::default())),
                 attributes,
                 facts: MeshFacts {
                     creased: moved,
@@ -101,33 +142,42 @@ impl<'a> Meshes<'a> {
         self.exact.as_ref().map(|shape| &*shape.field)
     }
 
-    /// Adds a patch to the files whose vertices are as it has them: of the level set, or exact.
+    /// Adds a patch to the files whose vertices are as it has them, of the level set or exact, and that take
+    /// all triangles.
     pub fn add(&mut self, bench: Bench, patch: &Patch, is_exact: bool) -> Result<(), RunError> {
-        if !self.outs.iter().any(|out| out.is_exact == is_exact) {
+        let takes = |out: &&mut MeshOut| out.is_exact == is_exact && out.fewer.is_none();
+        let mut outs = self.outs.iter_mut().filter(takes).peekable();
+        if outs.peek().is_none() {
             return Ok(());
         }
-        let welder = &mut self.welders[usize::from(is_exact)];
-        let unmade = |e| RunError::level_set("mesh")(VdbError::from(e));
-        let numbered = welder.weld(patch).map_err(unmade)?;
-        let own = &patch.vertices[..patch.owned];
-        let error = match &self.exact {
-            Some(exact) if is_exact => {
-                let measure = || farthest(own, &*exact.field);
-                bench.threads.install(measure)
-            }
-            _ => 0.0,
-        };
-        for out in self.outs.iter_mut().filter(|out| out.is_exact == is_exact) {
-            out.file.add(MeshPart {
-                vertices: &patch.vertices,
-                owned: patch.owned,
-                triangles: &patch.triangles,
-                numbered: &numbered,
-                numbers: &out.attributes.rows(bench, own),
-                factor: out.factor,
+        let numbered = weld(&mut self.welders[usize::from(is_exact)], patch)?;
+        let exact = self.exact.as_ref().filter(|_| is_exact);
+        outs.try_for_each(|out| out.add(bench, patch, (&numbered, exact)))
+    }
+
+    /// Adds a region of a solid to the files that take fewer triangles: block by block, so that nothing
+    /// depends on the bricks. Blocks keep what they share.
+    pub fn add_fewer(
+        &mut self,
+        bench: Bench,
+        solid: &LevelSet,
+        (region, far): (Region, f64),
+    ) -> Result<(), RunError> {
+        for out in &mut self.outs {
+            let Some((wish, welder)) = &mut out.fewer else {
+                continue;
+            };
+            let wish = *wish;
+            let exact = self.exact.as_ref().filter(|_| out.is_exact);
+            let field = exact.map(|shape| &*shape.field);
+            let patches = solid.block_patches(region, far, field, bench.session(), |patch| {
+                decimated_patch(&patch, wish, region.max[0])
             })?;
-            out.facts.faces += patch.triangles.len() as u64;
-            out.facts.error = out.facts.error.map(|e| e.max(error));
+            let numbered = patches.iter().map(|patch| weld(welder, patch));
+            let numbered = numbered.collect::<Result<Vec<_>, _>>()?;
+            for (patch, numbered) in patches.iter().zip(&numbered) {
+                out.add(bench, patch, (numbered, exact))?;
+            }
         }
         Ok(())
     }

@@ -45,12 +45,6 @@ fn of_mesh(o: &Output) -> Option<&'static str> {
              memory; leave them out for triangles, or druse mesh the written .vdb on a machine that holds it",
         );
     }
-    if o.decimate.is_some() {
-        return Some(
-            "decimate merges triangles wherever they are, which takes the whole mesh; leave it out and \
-             decimate the written mesh on a machine that holds it",
-        );
-    }
     wants_thickness(o).then_some(THICKNESS)
 }
 

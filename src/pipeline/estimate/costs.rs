@@ -8,11 +8,14 @@ use std::path::Path;
 /// Nanoseconds per active voxel (2 threads) and growth of the band that it takes to widen it.
 pub(super) const WIDENING: f64 = 200.0;
 
+/// Bytes of a point of a mesh while it is decimated.
+pub(in super::super) const PER_FEWER: f64 = 125.0;
+
 /// Bytes of a point of an output's mesh, beside the mesh that a run has anyway: another mesh, and numbers
 /// by point and by word.
 pub(super) fn point_in_memory(output: &Output) -> f64 {
     let mesh = if output.is_meshed_by_openvdb() || output.decimate.is_some() {
-        125.0
+        PER_FEWER
     } else if output.project {
         50.0
     } else {
@@ -30,12 +33,20 @@ pub(in super::super) fn numbers_at_vertices(output: &Output) -> usize {
 /// Bytes of a point of a mesh in a file; there are twice as many triangles.
 pub(super) fn point_on_disk(output: &Output, path: &Path) -> f64 {
     let numbers = 4.0 * numbers_at_vertices(output) as f64;
-    match path.extension().and_then(|e| e.to_str()) {
+    let point = match path.extension().and_then(|e| e.to_str()) {
         Some("ply") => 38.0 + numbers,
         Some("obj") => 80.0,
         Some("3mf") => 21.0,
         _ => 100.0,
-    }
+    };
+    point * share_of_points(output)
+}
+
+/// How many of the points an output's mesh keeps: those of a decimated one are not foretold where the error
+/// has a limit.
+fn share_of_points(output: &Output) -> f64 {
+    let wish = output.decimate.as_ref().filter(|d| d.error.is_none());
+    wish.map_or(1.0, |d| d.share.0)
 }
 
 /// Bytes of what is kept of a mesh beside its file while bricks pass, for each point; of binary STL
@@ -44,7 +55,7 @@ pub(super) fn point_in_spool(output: &Output, path: &Path) -> f64 {
     if path.extension().is_some_and(|e| e == "stl") || output.beams {
         return 0.0;
     }
-    48.0 + 4.0 * numbers_at_vertices(output) as f64
+    (48.0 + 4.0 * numbers_at_vertices(output) as f64) * share_of_points(output)
 }
 
 /// Bytes of grids in a file: masks twice, and a little more for each leaf; floats of which blosc saves an

@@ -59,6 +59,61 @@ fn vertices_on_the_exact_field_and_their_numbers_are_those_of_memory() {
     assert!(error < 1.01e-3 * 0.25, "{error}");
 }
 
+/// Blocks are decimated each for itself and keep what they share: the whole is closed, and the same whatever
+/// the bricks and the threads.
+#[test]
+fn fewer_triangles_are_the_same_in_all_bricks() {
+    let directory = tempfile::tempdir().unwrap();
+    let outputs = "[[output]]\nmesh = \"all.stl\"\n[[output]]\nmesh = \"few.ply\"\ndecimate = { share = 0.02, error = \"0.5vx\" }\nproject = true\ngrids = [\"element_id\"]\n[[output]]\nmesh = \"half.stl\"\ndecimate = 0.5\n";
+    let text = TILED.replace("voxel_size = 0.25", "voxel_size = 0.06");
+    let recipe = Recipe::parse(&format!("{text}{outputs}"), &[]).unwrap();
+    let made: Vec<_> = [(1, 2), (2, 1), (3, 2)]
+        .into_iter()
+        .map(|(bricks, threads)| {
+            let place = directory.path().join(bricks.to_string());
+            let report = run(&recipe, &options(&place, Some(bricks), threads), &Silent).unwrap();
+            (place, facts(&report))
+        })
+        .collect();
+    let triangles = |place: &Path, name: &str| {
+        let mesh = druse::io::read_mesh(place.join(name)).unwrap().mesh;
+        let found = druse::mesh::check(&mesh);
+        // Edges of four triangles are as meshoptimizer leaves them.
+        let sound = found.is_closed() && found.is_oriented();
+        assert!(sound, "{name}: {found}");
+        let corner = |v: u32| mesh.vertices()[v as usize].map(f64::to_bits);
+        let mut all: Vec<_> = mesh
+            .triangles()
+            .iter()
+            .map(|t| t.map(corner).map(<[u64; 3]>::from))
+            .collect();
+        for t in &mut all {
+            let first = (0..3).min_by_key(|&n| t[n]).unwrap();
+            t.rotate_left(first);
+        }
+        all.sort_unstable();
+        (all, found.volume)
+    };
+    let (first, expected) = &made[0];
+    let (all, volume) = triangles(first, "all.stl");
+    for (name, share) in [("few.ply", 0.2), ("half.stl", 0.51)] {
+        let (few, own) = triangles(first, name);
+        assert!(
+            (few.len() as f64) < share * all.len() as f64,
+            "{name}: {} of {}",
+            few.len(),
+            all.len()
+        );
+        assert!((own / volume - 1.0).abs() < 0.01, "{name}: {own} {volume}");
+        for (place, facts) in &made[1..] {
+            assert_eq!(facts, expected);
+            assert!(triangles(place, name).0 == few, "{name}");
+        }
+    }
+    // Vertices stay on the field.
+    assert!(expected[1]["error"].as_f64().unwrap() < 1.01e-3 * 0.06);
+}
+
 #[test]
 fn beams_are_written_beside_bricks() {
     let directory = tempfile::tempdir().unwrap();
@@ -79,7 +134,6 @@ fn what_files_cannot_be_streamed_say_what_to_do() {
         ("mesh = \"b.stl\"\nsharp = true", "sharp"),
         ("mesh = \"b.stl\"\nadaptivity = 0.5", "adaptivity"),
         ("mesh = \"b.stl\"\nmesher = \"openvdb\"", "mesher"),
-        ("mesh = \"b.stl\"\ndecimate = 0.5", "decimate"),
         ("mesh = \"b.ply\"\ngrids = [\"thickness\"]", "thickness"),
         (
             "vdb = \"b.vdb\"\ngrids = [\"surface\", \"thickness\"]",
