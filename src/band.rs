@@ -4,7 +4,7 @@
 //! zero set, grouped into leaves of 8^3 as OpenVDB stores them. A leaf is visited only where
 //! [`Field::bound`](crate::field::Field::bound) cannot exclude it: aligned cubes of 128, 64, 32, 16
 //! and 8 voxels are halved as long as their bound, taken over the cube's samples and one layer around
-//! them, meets `(-w, w)`. Blocks of 128^3 are evaluated in parallel and handed to a [`LeafSink`].
+//! them, meets `(-w, w)`; of a leaf the layer counts only where its signs are not known otherwise. Blocks of 128^3 are evaluated in parallel and handed to a [`LeafSink`].
 //!
 //! - A voxel is **active** if `|d| < w`, or if one of its 26 neighbours has the other sign (a field
 //!   that is not quite a distance can step over the band; the surface must not tear there). Active

@@ -11,7 +11,7 @@ const EDGE: i32 = BLOCK / LEAF;
 /// The range of voxel indices in use; leaves room for neighbours and for doubling a cube.
 const LARGEST_INDEX: f64 = (1 << 29) as f64;
 
-/// What a bound says about a cube of samples and the layer around it.
+/// What a bound says about a cube of samples; those of the layer around it have their sign.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Side {
     /// Every value is at most minus the half width.
@@ -26,12 +26,16 @@ enum Side {
 const TRIED: u32 = 64;
 /// Where it decides fewer than one in so many, the last one alone takes less time.
 const WORTH: u32 = 6;
+/// It is then made for one in so many cubes, as the block may be another there.
+const AGAIN: u32 = 8;
 
 /// How often the first test of leaves has been made in a block, and how often it has decided.
 #[derive(Clone, Copy, Default)]
 struct Trial {
     made: u32,
     decided: u32,
+    /// Cubes for which it might have been made.
+    asked: u32,
 }
 
 impl Trial {
@@ -40,8 +44,10 @@ impl Trial {
         self.decided += u32::from(side != Side::Unknown);
     }
 
-    fn is_worth_it(self) -> bool {
-        self.made < TRIED || WORTH * self.decided >= self.made
+    fn is_worth_it(&mut self) -> bool {
+        self.asked += 1;
+        let is_worth_it = self.made < TRIED || WORTH * self.decided >= self.made;
+        is_worth_it || self.asked.is_multiple_of(AGAIN)
     }
 }
 

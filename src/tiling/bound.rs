@@ -110,13 +110,21 @@ impl<F: Filling> TiledSolid<'_, F> {
         let mut nearer = Near::default();
         // Far from the boundary, and where the scaffold does not overlap itself there, F is continuous and L
         // bounds its slopes: what is so much further than the layer around has the layer's sign.
-        let mut values = self.at_centres(&near, regions, false);
-        let is_known = |values: &[Option<f64>; N]| values.iter().any(Option::is_some);
-        let is_once = || boundary.winding_number(around.centre().0).round() == 1.0;
+        let may_tell = self.options.distance == Distance::Fast && near.patches.len() <= WORTH;
+        let is_straight = self.are_straight(&near);
+        let mut values = [None; N];
+        if may_tell && is_straight {
+            values = self.at_centres(&near, regions, None);
+        }
+        let is_once = || {
+            let middle = around.centre().0;
+            values.iter().any(Option::is_some) || boundary.winding_number(middle).round() == 1.0
+        };
         let is_leaf = layer > 0.0 && layer < w;
-        let is_open = is_leaf && depth.hi <= -w && (is_known(&values) || is_once());
-        if is_open && !is_known(&values) {
-            values = self.at_centres(&near, regions, true);
+        let is_open = may_tell && is_leaf && depth.hi <= -w && is_once();
+        let mut local = (is_open && !is_straight).then(|| Local::new(near.clone()));
+        if local.is_some() {
+            values = self.at_centres(&near, regions, local.as_mut());
         }
         let asked = if is_open { regions } else { wide };
         // The one nearest to the surface settles most likely what all are worth.
@@ -142,16 +150,18 @@ impl<F: Filling> TiledSolid<'_, F> {
                 .and_then(|f| {
                     let radius = region.farthest(regions[n].centre());
                     self.range_about(f, &near, radius, N > 1)
-                        .or_else(|| self.range_of_parts(&near, region, (halvings, is_open)))
+                        .or_else(|| self.range_of_parts(&near, region, halvings, local.as_mut()))
                 })
                 .unwrap_or_else(|| {
-                    let wide = region.dilated(reach);
+                    let all = region.dilated(reach);
+                    // Slopes count as far as the layer, too.
+                    let among = if is_open { all.dilated(layer) } else { all };
                     if self.is_cut() {
-                        self.keep_near(&near, &wide, &mut nearer);
+                        self.keep_near(&near, &among, &mut nearer);
                     } else {
-                        nearer = self.near(component, &wide, self.margin());
+                        nearer = self.near(component, &among, self.margin());
                     }
-                    self.range_among(component, &nearer, &wide, N > 1)
+                    self.range_among(component, &nearer, &all, N > 1)
                 });
             found[n] = self.ended_bound(field, depth);
             if enough.is_some_and(|near| found[n].comes_within(near)) {
@@ -179,17 +189,18 @@ impl<F: Filling> TiledSolid<'_, F> {
         &self,
         near: &Near,
         region: &Aabb,
-        (halvings, is_open): (u32, bool),
+        halvings: u32,
+        mut local: Option<&mut Local>,
     ) -> Option<Interval> {
         let w = self.options.half_width;
         let finer = halvings.checked_sub(1)?;
         let parts = eighths(region);
-        let values = self.at_centres(near, &parts, is_open);
+        let values = self.at_centres(near, &parts, local.as_deref_mut());
         let mut all: Option<Interval> = None;
         for (part, f) in parts.iter().zip(values) {
             let own = self
                 .range_about(f?, near, part.half_diagonal(), true)
-                .or_else(|| self.range_of_parts(near, part, (finer, is_open)))
+                .or_else(|| self.range_of_parts(near, part, finer, local.as_deref_mut()))
                 .unwrap_or(Interval::new(-w, w));
             let hull = all.map_or(own, |a| a.hull(own));
             if hull.comes_within(w) {
@@ -231,27 +242,20 @@ impl<F: Filling> TiledSolid<'_, F> {
         )
     }
 
-    /// The field at the centres of regions, where it is continuous around: among few straight elements, and
-    /// among bent ones where that is known (`is_open`).
+    /// The field at the centres of regions, where a single element holds them: among straight elements, or
+    /// among any, of which it is known that they do not overlap there, with a place to look from.
     fn at_centres<const N: usize>(
         &self,
         near: &Near,
         regions: &[Aabb; N],
-        is_open: bool,
+        local: Option<&mut Local>,
     ) -> [Option<f64>; N] {
-        if self.options.distance == Distance::Exact || near.patches.len() > WORTH {
-            return [None; N];
-        }
-        if self.are_straight(near) {
+        let Some(local) = local else {
             return with_straight(|room| self.field_at(near, regions.map(|r| r.centre().0), room));
-        }
-        if !is_open {
-            return [None; N];
-        }
-        let mut local = Local::new(near.clone());
+        };
         regions.map(|region| {
-            let owner = self.owner(&mut local, region.centre().0)?;
-            let element = self.patch(&local, owner.place).number();
+            let owner = self.owner(local, region.centre().0)?;
+            let element = self.patch(local, owner.place).number();
             let mut value = [0.0];
             self.filling
                 .values(element, &[CellPoint(owner.spot.xi)], &mut value);

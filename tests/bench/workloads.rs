@@ -8,7 +8,7 @@
 //!
 //! | workload | what |
 //! |---|---|
-//! | W1 | gyroid in a box, cells of 40 voxels: 200^3 voxels, in full 400^3 |
+//! | W1 | gyroid in a box, cells of 40 voxels: 400^3 voxels, 200^3 where only other ratios count |
 //! | W1s | one gyroid cell in a box: 100^3 and 200^3 voxels, in full 200^3 and 400^3 |
 //! | W2 | a strut cell in the tets of an ellipsoid |
 //! | W3 | two cells blended over a block of hexes |

@@ -50,8 +50,7 @@ impl Slopes {
 
     /// Over the points of the element with values at most this bound times `reach` from the surface's.
     pub fn within(&self, reach: f64) -> f64 {
-        // None are known where no value is so near to the surface's.
-        let holds = |&&(level, slope): &&(f64, f64)| slope > 0.0 && slope * reach <= level;
+        let holds = |&&(level, slope): &&(f64, f64)| slope * reach <= level;
         let found = self.near.iter().find(holds);
         found.map_or(self.everywhere(), |n| n.1)
     }

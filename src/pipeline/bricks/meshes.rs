@@ -137,9 +137,11 @@ impl<'a> Meshes<'a> {
         })
     }
 
-    /// The field onto which vertices are moved, if any are.
+    /// The field onto which vertices are moved, if those of all triangles are.
     pub fn exact(&self) -> Option<&WorldField<'a>> {
-        self.exact.as_ref().map(|shape| &*shape.field)
+        let takes = |out: &MeshOut| out.is_exact && out.fewer.is_none();
+        let exact = self.exact.as_ref().filter(|_| self.outs.iter().any(takes));
+        exact.map(|shape| &*shape.field)
     }
 
     /// Adds a patch to the files whose vertices are as it has them, of the level set or exact, and that take
