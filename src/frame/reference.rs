@@ -6,6 +6,7 @@
 //! that stand alone live in it.
 
 use super::{CellBox, CellPoint, Mat3, Vec3};
+use std::sync::OnceLock;
 
 /// sqrt(3)/2, the height of the equilateral triangle of edge 1.
 const H: f64 = 0.866_025_403_784_438_6;
@@ -241,10 +242,12 @@ impl Element {
 
     /// Bounding box: the unit cube for tet, hex and ball.
     pub fn cell_box(self) -> CellBox<3> {
-        if self == Self::Ball {
-            return Self::Hex.cell_box();
-        }
-        CellBox::of(self.vertices().into_iter().map(CellPoint))
+        // Asked for in every image of a box.
+        static BOXES: [OnceLock<CellBox<3>>; 7] = [const { OnceLock::new() }; 7];
+        *BOXES[self as usize].get_or_init(|| match self {
+            Self::Ball => Self::Hex.cell_box(),
+            _ => CellBox::of(self.vertices().into_iter().map(CellPoint)),
+        })
     }
 
     /// Largest signed distance of a point to the planes of the faces: <= 0 inside. Planar elements

@@ -5,6 +5,7 @@ use super::near::{Local, NEIGHBOUR, Near};
 use super::{Distance, Filling, TiledSolid};
 use crate::field::{Interval, LeafParts};
 use crate::frame::{Aabb, CellPoint};
+use std::cell::Cell;
 
 /// Room for the rounding of single precision, relative.
 const SLACK: f64 = 1e-6;
@@ -15,6 +16,11 @@ const WORTH: usize = 256;
 
 /// How often regions that are asked for together are halved where their centres do not decide.
 const HALVINGS: u32 = 2;
+
+thread_local! {
+    /// Room for the triangles of the boundary near some regions.
+    static SHORE: Cell<Vec<u32>> = Cell::default();
+}
 
 /// Regions that lie together, whose bounds are asked for at once.
 pub(super) struct Together<'a, const N: usize> {
@@ -63,8 +69,10 @@ impl<F: Filling> TiledSolid<'_, F> {
     pub(super) fn bounds_of_all<const N: usize>(&self, regions: &Together<N>) -> [Interval; N] {
         let w = self.options.half_width;
         let mut all = [Interval::new(w, w); N];
+        let mut shore = SHORE.take();
         for component in 0..self.components.len() {
-            for (a, b) in all.iter_mut().zip(self.bounds_of(component, regions)) {
+            let own = self.bounds_of(component, regions, &mut shore);
+            for (a, b) in all.iter_mut().zip(own) {
                 *a = if self.is_cut() || self.components.len() == 1 {
                     Interval::new(a.lo.min(b.lo), a.hi.min(b.hi))
                 } else {
@@ -73,6 +81,7 @@ impl<F: Filling> TiledSolid<'_, F> {
                 };
             }
         }
+        SHORE.set(shore);
         all
     }
 
@@ -86,6 +95,7 @@ impl<F: Filling> TiledSolid<'_, F> {
             layer,
             enough,
         }: &Together<N>,
+        shore: &mut Vec<u32>,
     ) -> [Interval; N] {
         let w = self.options.half_width;
         // Where components meet, what is near the surface of one may lie inside another.
@@ -96,15 +106,14 @@ impl<F: Filling> TiledSolid<'_, F> {
         if self.is_cut() && !boundary.bounds().dilated(w).meets(around) {
             return found;
         }
-        let mut shore = Vec::new();
         let mut reach = 0.0;
         if self.is_cut() {
-            self.find_shore(component, &around, &mut shore);
+            self.find_shore(component, &around, shore);
             if !shore.is_empty() {
                 reach = self.sight();
             }
         }
-        let shore = self.is_cut().then_some(&*shore);
+        let shore = self.is_cut().then_some(&**shore);
         let near = self.near(component, &around.dilated(reach), self.margin());
         let depth = self.boundary_range(component, &around, Interval::ALL, (shore, &near.patches));
         let mut nearer = Near::default();

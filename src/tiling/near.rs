@@ -13,6 +13,9 @@ pub(super) const NEIGHBOUR: f64 = 1.733;
 /// and to their neighbours.
 const AROUND: f64 = 2.0;
 
+/// Elements that are near a leaf, mostly no more than so many.
+const FEW: usize = 64;
+
 /// How far from the surface the slopes matter that the band's values depend on, world units.
 pub(super) fn near_surface(options: TilingOptions) -> f64 {
     options.half_width + AROUND * options.voxel_size
@@ -112,7 +115,7 @@ impl<F: Filling> TiledSolid<'_, F> {
 
     /// The elements of a component that may be less than `margin` away from a point of `region`.
     pub(super) fn near(&self, component: usize, region: &Aabb, margin: f64) -> Near {
-        let mut patches = Vec::new();
+        let mut patches = Vec::with_capacity(FEW);
         self.scaffold
             .candidates(&region.dilated(margin), &mut patches);
         let (centre, half) = (region.centre().0, region.size() / 2.0);

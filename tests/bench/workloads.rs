@@ -15,14 +15,15 @@
 //! | W4 | 5^3 strut cells of 100 voxels, in full 800: larger than its memory |
 //!
 //! Baselines: a scalar f64 callback per voxel, the way of programs that take the user's function; the
-//! same in f32 by leaves; dense arrays from 1-D tables, as a good numpy program has them; writing the
-//! bytes of the leaves; fused multiplications.
+//! same in f32 by leaves; dense arrays from 1-D tables, as a good numpy program has them; the products of a
+//! series at every voxel; writing the bytes of the leaves; fused multiplications.
 
 mod workloads {
     pub mod baselines;
     pub mod builds;
     pub mod child;
     pub mod clock;
+    pub mod dense;
     pub mod figure;
     #[cfg(feature = "vdb")]
     pub mod filters;
@@ -82,7 +83,7 @@ const SUBJECTS: &[Subject] = &[
         measure: look_up::look_ups,
     },
     Subject {
-        keys: &["P8", "P10.w2", "P10.w2.evaluated"],
+        keys: &["P8", "P8.dense", "P10.w2", "P10.w2.evaluated"],
         measure: w2::struts_in_tets,
     },
     Subject {

@@ -2,6 +2,7 @@
 
 use super::baselines;
 use super::clock::{Spread, in_turn};
+use super::dense::Products;
 use super::figure::Found;
 use super::reader::Reader;
 use super::threads::one_against_two;
@@ -219,18 +220,25 @@ pub fn level_set(threads: &Threads) -> Result<druse::vdb::LevelSet, Fault> {
     Ok(builder.finish(druse::vdb::Session::new(threads, &Silent))?)
 }
 
-/// P8 and the counts of W2.
+/// P8, what the series itself would take, and the counts of W2.
 pub fn struts_in_tets(_: &Setting) -> Result<Vec<Found>, Fault> {
-    let scaffold = ellipsoid(LONGEST, LONGEST * PITCH)?;
+    const POINTS: usize = 4096;
+    let pitch = LONGEST * PITCH;
+    let scaffold = ellipsoid(LONGEST, pitch)?;
     let extent = scaffold.bounds();
     let table = table_for(&scaffold, SOME)?;
+    let products = Products::of(&struts(SOME)?)?;
+    let points = &walk()[..POINTS];
     let one = Threads::new(1)?;
     let field = tiled(&scaffold, &table)?;
     let stats = pass(&field, extent, &one)?;
     let run: &mut dyn FnMut() = &mut || {
         pass(&field, extent, &one).expect("the field is finite");
     };
-    let seconds = in_turn(ROUNDS, &mut [run, &mut baselines::fuse]);
+    let seconds = in_turn(
+        ROUNDS,
+        &mut [run, &mut baselines::fuse, &mut || products.all(points)],
+    );
     let active = stats.active_voxels as f64;
     let each: Vec<f64> = seconds[0].iter().map(|s| s * 1e9 / active).collect();
     let note = format!(
@@ -240,6 +248,18 @@ pub fn struts_in_tets(_: &Setting) -> Result<Vec<Found>, Fault> {
         table.bytes() as f64 / 1048576.0
     );
     let mut found = vec![baselines::at_reference("P8", &each, &seconds[1], &note)];
+    // Twelve tets fill a cube of the lattice.
+    let voxels = scaffold.len() as f64 * pitch.powi(3) / 12.0;
+    let dense = seconds[2].iter().map(|s| s * voxels / POINTS as f64);
+    let dense: Vec<f64> = dense.collect();
+    let ratios = Spread::of_ratios(&dense, &seconds[0]);
+    let note = format!(
+        "{ratios}; {:.0} M voxels, {} products, {:.0} ns each",
+        voxels / 1e6,
+        products.terms(),
+        Spread::of(&dense).median * 1e9 / voxels
+    );
+    found.push(Found::new("P8.dense", ratios.median, note));
     found.extend(counts(&W2, &stats));
     Ok(found)
 }

@@ -2,7 +2,7 @@
 
 use super::{options, scaffold};
 use crate::strategy::Noise;
-use druse::band::{Band, LeafMap};
+use druse::band::{Band, LeafMap, Statistics};
 use druse::cell::{Surface, Table};
 use druse::field::Field;
 use druse::frame::{Coord, Transform};
@@ -67,5 +67,54 @@ fn few_points_are_looked_at_for_each_active_voxel_and_give_what_single_points_do
                 "{voxel:?}"
             );
         }
+    }
+}
+
+/// Memory is asked for by blocks and by leaves, never by samples: what a pass takes again, once its buffers are
+/// there.
+#[test]
+fn memory_is_asked_for_by_leaves_at_most() {
+    let one = Threads::new(1).unwrap();
+    for (kind, noise, most) in [
+        (Kind::Hex8, 0.0, 0.05),
+        (Kind::Tet4, 0.15, 6.0),
+        (Kind::Tet10, 0.15, 26.0),
+    ] {
+        let scaffold = scaffold(kind, [2, 2, 2], noise, 5);
+        let surface = if kind == Kind::Hex8 {
+            Surface::SchwarzP
+        } else {
+            Surface::Diamond
+        };
+        let table = Table::new(&surface.cell(kind.shape()).unwrap()).unwrap();
+        let h = 1.0 / 60.0;
+        let tiled = TiledSolid::new(&scaffold, &table, options(h)).unwrap();
+        let pass = || {
+            let band = Band {
+                field: &tiled,
+                transform: Transform::new(h).unwrap(),
+                half_width: 3.0,
+                extent: scaffold.bounds(),
+            };
+            band.evaluate(&one, &Silent, &Statistics::default())
+                .unwrap()
+        };
+        let (stats, asked) = one.install(|| {
+            let stats = pass();
+            let asked = allocation_counter::measure(|| {
+                pass();
+            });
+            (stats, asked)
+        });
+        let each = asked.count_total as f64 / stats.leaves_touched as f64;
+        println!(
+            "{} {noise}: {each:.2} allocations for each of {} leaves, {} bytes at most",
+            kind.name(),
+            stats.leaves_touched,
+            asked.bytes_max
+        );
+        assert!(each <= most, "{} {noise}: {each}", kind.name());
+        // Buffers are there already.
+        assert!(asked.bytes_max < 1 << 20, "{asked:?}");
     }
 }
