@@ -192,8 +192,8 @@ impl<F: Filling> TiledSolid<'_, F> {
         (is_coarse && f.abs() < near.slope_sup * w).then(|| Interval::new(-w, w))
     }
 
-    /// The same from the values at the centres of its eighths, halved so often at most: all distances, if
-    /// these do not decide.
+    /// The same from the values at the centres of its eighths, halved so often at most; nothing, if these do not
+    /// decide.
     fn range_of_parts(
         &self,
         near: &Near,
@@ -209,8 +209,7 @@ impl<F: Filling> TiledSolid<'_, F> {
         for (part, f) in parts.iter().zip(values) {
             let own = self
                 .range_about(f?, near, part.half_diagonal(), true)
-                .or_else(|| self.range_of_parts(near, part, finer, local.as_deref_mut()))
-                .unwrap_or(Interval::new(-w, w));
+                .or_else(|| self.range_of_parts(near, part, finer, local.as_deref_mut()))?;
             let hull = all.map_or(own, |a| a.hull(own));
             if hull.comes_within(w) {
                 return Some(hull);

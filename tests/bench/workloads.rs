@@ -66,7 +66,7 @@ struct Subject {
 
 const SUBJECTS: &[Subject] = &[
     Subject {
-        keys: &["P1", "P2", "P3", "P4"],
+        keys: &["P1", "P2", "P3", "P4", "P4.small"],
         measure: w1::against_baselines,
     },
     #[cfg(feature = "vdb")]

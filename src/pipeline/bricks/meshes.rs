@@ -59,14 +59,21 @@ fn weld(welder: &mut Welder, patch: &Patch) -> Result<Vec<[u32; 3]>, RunError> {
     welder.weld(patch).map_err(unmade)
 }
 
+/// How far a patch's own vertices are off the exact field, if they were moved onto one.
+fn error(bench: Bench, patch: &Patch, exact: Option<&Shape>) -> f64 {
+    let own = &patch.vertices[..patch.owned];
+    let measure = |exact: &Shape| bench.threads.install(|| farthest(own, &*exact.field));
+    exact.map_or(0.0, measure)
+}
+
 impl MeshOut<'_> {
-    /// Adds a patch whose triangles are also known in numbers of the whole, with vertices on the exact field
-    /// if there is one.
+    /// Adds a patch whose triangles are also known in numbers of the whole, and how far its own vertices are
+    /// off the exact field.
     fn add(
         &mut self,
         bench: Bench,
         patch: &Patch,
-        (numbered, exact): (&[[u32; 3]], Option<&Shape>),
+        (numbered, error): (&[[u32; 3]], f64),
     ) -> Result<(), RunError> {
         let own = &patch.vertices[..patch.owned];
         self.file.add(MeshPart {
@@ -78,11 +85,7 @@ impl MeshOut<'_> {
             factor: self.factor,
         })?;
         self.facts.faces += patch.triangles.len() as u64;
-        if let Some(exact) = exact {
-            let measure = || farthest(own, &*exact.field);
-            let error = bench.threads.install(measure);
-            self.facts.error = self.facts.error.map(|e| e.max(error));
-        }
+        self.facts.error = self.facts.error.map(|e| e.max(error));
         Ok(())
     }
 }
@@ -154,7 +157,8 @@ impl<'a> Meshes<'a> {
         }
         let numbered = weld(&mut self.welders[usize::from(is_exact)], patch)?;
         let exact = self.exact.as_ref().filter(|_| is_exact);
-        outs.try_for_each(|out| out.add(bench, patch, (&numbered, exact)))
+        let error = error(bench, patch, exact);
+        outs.try_for_each(|out| out.add(bench, patch, (&numbered, error)))
     }
 
     /// Adds a region of a solid to the files that take fewer triangles: block by block, so that nothing
@@ -178,7 +182,7 @@ impl<'a> Meshes<'a> {
             let numbered = patches.iter().map(|patch| weld(welder, patch));
             let numbered = numbered.collect::<Result<Vec<_>, _>>()?;
             for (patch, numbered) in patches.iter().zip(&numbered) {
-                out.add(bench, patch, (numbered, exact))?;
+                out.add(bench, patch, (numbered, error(bench, patch, exact)))?;
             }
         }
         Ok(())

@@ -248,15 +248,15 @@ pub fn struts_in_tets(_: &Setting) -> Result<Vec<Found>, Fault> {
         table.bytes() as f64 / 1048576.0
     );
     let mut found = vec![baselines::at_reference("P8", &each, &seconds[1], &note)];
-    // Twelve tets fill a cube of the lattice. 22 % of their voxels are active; the first goal, 40, was set for a
-    // W2 of which 4 % are, and divided by six when 16 had been measured here.
+    // Twelve tets fill a cube of the lattice.
     let voxels = scaffold.len() as f64 * pitch.powi(3) / 12.0;
     let dense = seconds[2].iter().map(|s| s * voxels / POINTS as f64);
     let dense: Vec<f64> = dense.collect();
     let ratios = Spread::of_ratios(&dense, &seconds[0]);
     let note = format!(
-        "{ratios}; {:.0} M voxels, {} products, {:.0} ns each",
+        "{ratios}; {:.0} M voxels, {:.0} % of them active, {} products, {:.0} ns each",
         voxels / 1e6,
+        1e2 * active / voxels,
         products.terms(),
         Spread::of(&dense).median * 1e9 / voxels
     );

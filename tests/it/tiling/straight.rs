@@ -47,6 +47,26 @@ fn coil() -> Scaffold {
     Scaffold::new(nodes, elements).unwrap()
 }
 
+/// A scaffold, the same twice, and of tets one that overlaps itself.
+fn overlapping(kind: Kind) -> Vec<Scaffold> {
+    let once = straight(kind);
+    let mut all = vec![twice(&once, Vec3::new(0.4, 0.3, 0.2)), once];
+    if kind == Kind::Tet4 {
+        all.push(coil());
+    }
+    all
+}
+
+/// For so many voxels a unit of length, and the half width of the band in voxels.
+fn banded(voxels: f64, half_width: f64, boundary: Boundary) -> TilingOptions {
+    let h = 1.0 / voxels;
+    TilingOptions {
+        boundary,
+        half_width: half_width * h,
+        ..options(h)
+    }
+}
+
 fn table(kind: Kind) -> Table {
     let surface = if kind.shape() == Element::Hex {
         Surface::SchwarzP
@@ -73,7 +93,8 @@ fn anywhere(
     }
 }
 
-/// Bounds of the eight halves of a lattice's box, at once and one by one, contain its values.
+/// Bounds of the eight halves of a lattice's box, at once and one by one, contain its values, and what is
+/// said of all together is at least as sharp.
 fn bounds_hold(tiled: &TiledSolid, lattice: &SampleLattice<WorldPoint>, values: &[f32]) {
     let span = lattice.span();
     let half = span.size() / 2.0;
@@ -86,6 +107,19 @@ fn bounds_hold(tiled: &TiledSolid, lattice: &SampleLattice<WorldPoint>, values: 
         }
     });
     let together = Field::bounds(tiled, &regions).unwrap();
+    let hull = together.into_iter().reduce(Interval::hull).unwrap();
+    for near in [1.0, 0.3].map(|share| share * 3.0 * lattice.step) {
+        let parts = LeafParts {
+            own: regions,
+            wide: regions,
+            step: lattice.step,
+        };
+        let joint = tiled.leaf_bound(&parts, near);
+        assert!(
+            joint == hull || hull.comes_within(near),
+            "{near}: {joint:?} {hull:?}"
+        );
+    }
     for (region, together) in regions.iter().zip(together) {
         let alone = tiled.bound(region);
         for (m, &v) in values.iter().enumerate() {
@@ -105,7 +139,8 @@ fn bounds_hold(tiled: &TiledSolid, lattice: &SampleLattice<WorldPoint>, values: 
 
 /// What is said of a leaf is true of its samples, and of the signs around them; whether it says that the leaf
 /// is beyond the band, and whether the bounds of its parts do.
-fn leaf_holds(tiled: &TiledSolid, origin: WorldPoint, step: f64, near: f64) -> [bool; 2] {
+fn leaf_holds(tiled: &TiledSolid, origin: WorldPoint, options: TilingOptions) -> [bool; 2] {
+    let (step, near) = (options.voxel_size, options.half_width);
     let corner = |first: f64, edge: f64, n: usize| {
         let at = [n >> 2, n >> 1 & 1, n & 1].map(|i| i as f64 * edge);
         let min = origin.0 + (Vec3::repeat(first) + Vec3::from(at)) * step;
@@ -154,14 +189,9 @@ fn leaf_holds(tiled: &TiledSolid, origin: WorldPoint, step: f64, near: f64) -> [
 fn leaves_are_culled_by_what_is_true_of_them() {
     let (mut beyond, mut by_parts) = (0, 0);
     for kind in [Kind::Tet4, Kind::Hex8] {
-        let once = straight(kind);
         let table = table(kind);
-        let mut scaffolds = vec![twice(&once, Vec3::new(0.4, 0.3, 0.2)), once];
-        if kind == Kind::Tet4 {
-            scaffolds.push(coil());
-        }
         let mut noise = Noise::new(43);
-        for scaffold in &scaffolds {
+        for scaffold in &overlapping(kind) {
             // Bands that are narrower than a voxel's diagonal tell nothing of the samples around.
             for (voxels, half_width, boundary) in [
                 (60.0, 3.0, Boundary::Cut),
@@ -169,17 +199,12 @@ fn leaves_are_culled_by_what_is_true_of_them() {
                 (90.0, 3.0, Boundary::Extend),
                 (90.0, 1.0, Boundary::Cut),
             ] {
-                let h = 1.0 / voxels;
-                let options = TilingOptions {
-                    boundary,
-                    half_width: half_width * h,
-                    ..options(h)
-                };
+                let options = banded(voxels, half_width, boundary);
                 let tiled = TiledSolid::new(scaffold, &table, options).unwrap();
                 for _ in 0..100 {
-                    let lattice = anywhere(scaffold, [8; 3], h, &mut noise);
-                    let [is_beyond, are_beyond] =
-                        leaf_holds(&tiled, lattice.origin, h, options.half_width);
+                    let lattice = anywhere(scaffold, [8; 3], options.voxel_size, &mut noise);
+                    let [is_beyond, are_beyond] = leaf_holds(&tiled, lattice.origin, options);
+                    assert!(is_beyond || !are_beyond, "{lattice:?}");
                     beyond += usize::from(is_beyond);
                     by_parts += usize::from(are_beyond);
                 }
@@ -194,25 +219,15 @@ fn leaves_are_culled_by_what_is_true_of_them() {
 #[test]
 fn a_band_is_the_same_without_what_the_field_knows_sooner() {
     for kind in [Kind::Tet4, Kind::Hex8] {
-        let once = straight(kind);
         let table = table(kind);
-        let mut scaffolds = vec![twice(&once, Vec3::new(0.4, 0.3, 0.2)), once];
-        if kind == Kind::Tet4 {
-            scaffolds.push(coil());
-        }
-        for scaffold in &scaffolds {
+        for scaffold in &overlapping(kind) {
             for (voxels, half_width, boundary) in [
                 (9.0, 1.0, Boundary::Cut),
                 (14.0, 3.0, Boundary::Extend),
                 (34.0, 3.0, Boundary::Cut),
                 (27.0, 1.5, Boundary::Cut),
             ] {
-                let h = 1.0 / voxels;
-                let options = TilingOptions {
-                    boundary,
-                    half_width: half_width * h,
-                    ..options(h)
-                };
+                let options = banded(voxels, half_width, boundary);
                 let tiled = TiledSolid::new(scaffold, &table, options).unwrap();
                 super::same_band_when_slow(&tiled, options, scaffold.bounds());
             }
