@@ -121,19 +121,22 @@ impl<F: Filling> TiledSolid<'_, F> {
         // bounds its slopes: what is so much further than the layer around has the layer's sign.
         let may_tell = self.options.distance == Distance::Fast && near.patches.len() <= WORTH;
         let is_straight = self.are_straight(&near);
+        let is_leaf = layer > 0.0 && layer < w;
+        let is_deep = may_tell && is_leaf && depth.hi <= -w;
+        // Around these most is decided; of a leaf that is open they are the ones asked for.
+        let centres = if is_deep { regions } else { wide };
         let mut values = [None; N];
         if may_tell && is_straight {
-            values = self.at_centres(&near, regions, None);
+            values = self.at_centres(&near, centres, None);
         }
         let is_once = || {
             let middle = around.centre().0;
             values.iter().any(Option::is_some) || boundary.winding_number(middle).round() == 1.0
         };
-        let is_leaf = layer > 0.0 && layer < w;
-        let is_open = may_tell && is_leaf && depth.hi <= -w && is_once();
+        let is_open = is_deep && is_once();
         let mut local = (is_open && !is_straight).then(|| Local::new(near.clone()));
         if local.is_some() {
-            values = self.at_centres(&near, regions, local.as_mut());
+            values = self.at_centres(&near, centres, local.as_mut());
         }
         let asked = if is_open { regions } else { wide };
         // The one nearest to the surface settles most likely what all are worth.
@@ -157,7 +160,7 @@ impl<F: Filling> TiledSolid<'_, F> {
             let field = values[n]
                 .filter(|_| reach == 0.0)
                 .and_then(|f| {
-                    let radius = region.farthest(regions[n].centre());
+                    let radius = region.farthest(centres[n].centre());
                     self.range_about(f, &near, radius, N > 1)
                         .or_else(|| self.range_of_parts(&near, region, halvings, local.as_mut()))
                 })
@@ -188,8 +191,8 @@ impl<F: Filling> TiledSolid<'_, F> {
             let d = w.copysign(f);
             return Some(Interval::new(d, d));
         }
-        // No interval that holds it is far from 0.
-        (is_coarse && f.abs() < near.slope_sup * w).then(|| Interval::new(-w, w))
+        // No interval that holds it is far from 0, however few of the elements it is of.
+        (is_coarse && f.abs() < near.slope_least * w).then(|| Interval::new(-w, w))
     }
 
     /// The same from the values at the centres of its eighths, halved so often at most; nothing, if these do not

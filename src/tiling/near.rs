@@ -27,6 +27,8 @@ pub(super) struct Near {
     pub patches: Vec<u32>,
     /// The largest of their slope bounds L near the surface.
     pub slope_sup: f64,
+    /// The least of these.
+    pub slope_least: f64,
     /// The largest over all of them.
     slope_most: f64,
 }
@@ -134,9 +136,11 @@ impl<F: Filling> TiledSolid<'_, F> {
 
     fn find_slopes(&self, near: &mut Near) {
         (near.slope_sup, near.slope_most) = (0.0, 0.0);
+        near.slope_least = f64::INFINITY;
         for &e in &near.patches {
             let patch = &self.patches[e as usize];
             near.slope_sup = near.slope_sup.max(patch.slope_sup);
+            near.slope_least = near.slope_least.min(patch.slope_sup);
             near.slope_most = near.slope_most.max(patch.slope_most);
         }
     }
