@@ -23,9 +23,7 @@
 //! cell's table rounds to `f32` it rounds alike in all elements.
 
 use crate::cell::Table;
-use crate::field::{
-    Field, Interval, LeafParts, Leaves, SampleLattice, enter_signs, signs_of_values,
-};
+use crate::field::{Field, Interval, LeafParts, Leaves, SampleLattice, signs_of_values};
 use crate::frame::{Aabb, CellPoint, Vec3, WorldPoint};
 use crate::mesh::MeshSolid;
 use crate::scaffold::Scaffold;
@@ -451,12 +449,7 @@ impl<F: Filling> Field for TiledSolid<'_, F> {
         match &self.aligned {
             Some(aligned) if aligned.signs(lattice, rows) => lattice.len() as u64,
             Some(_) => signs_of_values(self, lattice, rows),
-            None => {
-                let mut values = vec![0.0; lattice.len()];
-                let (looked, _) = self.fill_all((lattice, Wanted::Signs), &mut values);
-                enter_signs(&values, lattice.counts[2], rows);
-                looked
-            }
+            None => self.fill_signs(lattice, rows),
         }
     }
 }

@@ -190,19 +190,43 @@ impl<T: Coefficient> Net<T> {
     /// across an axis of the cube, in the middle of an edge of the simplex or of the prism's triangle,
     /// or (way 3) across the prism's axis.
     pub fn split(&self, way: usize) -> [Self; 2] {
+        let mut halves = [Self::nothing(), Self::nothing()];
+        self.split_into(way, &mut halves);
+        halves
+    }
+
+    /// No polynomial: a place for one.
+    pub fn nothing() -> Self {
+        Self {
+            family: Family::Simplex,
+            degree: 0,
+            coefficients: Vec::new(),
+        }
+    }
+
+    /// The same in the place of other polynomials.
+    pub fn split_into(&self, way: usize, halves: &mut [Self; 2]) {
+        for half in &mut *halves {
+            half.family = self.family;
+            half.degree = self.degree;
+        }
         match self.family {
-            Family::Tensor => self.split_axis((self.degree + 1).pow(way as u32)),
-            Family::Prism if way == 3 => self.split_axis((self.degree + 1) * (self.degree + 2) / 2),
+            Family::Tensor => self.split_axis((self.degree + 1).pow(way as u32), halves),
+            Family::Prism if way == 3 => {
+                self.split_axis((self.degree + 1) * (self.degree + 2) / 2, halves);
+            }
             Family::Prism | Family::Simplex => {
                 let [a, b] = SIMPLEX_EDGES[way];
-                [self.with_midpoint(b, a), self.with_midpoint(a, b)]
+                self.move_to_midpoint(b, a, &mut halves[0].coefficients);
+                self.move_to_midpoint(a, b, &mut halves[1].coefficients);
             }
         }
     }
 
-    fn split_axis(&self, stride: usize) -> [Self; 2] {
+    fn split_axis(&self, stride: usize, [low, high]: &mut [Self; 2]) {
         let n = self.degree;
-        let (mut low, mut high) = (self.clone(), self.clone());
+        low.coefficients.clone_from(&self.coefficients);
+        high.coefficients.clone_from(&self.coefficients);
         for start in 0..self.coefficients.len() {
             if !(start / stride).is_multiple_of(n + 1) {
                 continue;
@@ -217,37 +241,31 @@ impl<T: Coefficient> Net<T> {
                 }
             }
         }
-        [low, high]
     }
 
-    /// The same polynomial over the simplex whose vertex `gone` has moved to the middle of its edge
-    /// to `kept`.
-    fn with_midpoint(&self, gone: usize, kept: usize) -> Self {
+    /// The coefficients of the same polynomial over the simplex whose vertex `gone` has moved to the middle
+    /// of its edge to `kept`.
+    fn move_to_midpoint(&self, gone: usize, kept: usize, coefficients: &mut Vec<T>) {
         let n = self.degree;
-        let coefficients = lattice(self.family, n)
-            .map(|p| {
-                let prism = self.family == Family::Prism;
-                // A prism's layers are triangles of their own.
-                let (fourth, layer) = if prism { (0, p[2]) } else { (p[2], 0) };
-                let mut bary = [n - p[0] - p[1] - fourth, p[0], p[1], fourth];
-                let m = bary[gone];
-                let total = bary[gone] + bary[kept];
-                let scale = 0.5f64.powi(m as i32);
-                let mut term = |k: usize| {
-                    bary[kept] = total - m + k;
-                    bary[gone] = m - k;
-                    let place = [bary[1], bary[2], bary[3] + layer];
-                    let c = self.coefficients[index(self.family, n, place)];
-                    c * (scale * binomial(m, k))
-                };
-                let first = term(0);
-                (1..=m).fold(first, |s, k| s + term(k))
-            })
-            .collect();
-        Self {
-            coefficients,
-            ..*self
-        }
+        coefficients.clear();
+        coefficients.extend(lattice(self.family, n).map(|p| {
+            let prism = self.family == Family::Prism;
+            // A prism's layers are triangles of their own.
+            let (fourth, layer) = if prism { (0, p[2]) } else { (p[2], 0) };
+            let mut bary = [n - p[0] - p[1] - fourth, p[0], p[1], fourth];
+            let m = bary[gone];
+            let total = bary[gone] + bary[kept];
+            let scale = 0.5f64.powi(m as i32);
+            let mut term = |k: usize| {
+                bary[kept] = total - m + k;
+                bary[gone] = m - k;
+                let place = [bary[1], bary[2], bary[3] + layer];
+                let c = self.coefficients[index(self.family, n, place)];
+                c * (scale * binomial(m, k))
+            };
+            let first = term(0);
+            (1..=m).fold(first, |s, k| s + term(k))
+        }));
     }
 }
 

@@ -12,10 +12,19 @@ use super::element::ElementMap;
 use super::kind::Kind;
 use super::map::{Affine, Curved, Map, PAIRS, bend};
 use crate::frame::{Aabb, CellBox, CellPoint, Element, Mat3, Vec3};
+use std::cell::Cell;
 use std::sync::OnceLock;
 
 /// Splits of one part at most.
 const DEPTH: usize = 12;
+/// Halves of a part and of each of its parts, one level after the other.
+type Halves = [[Net<Vec3>; 2]];
+
+thread_local! {
+    /// Room for them, which serves again.
+    static HALVES: Cell<Vec<[Net<Vec3>; 2]>> = Cell::default();
+}
+
 /// Relative growth that covers rounding.
 const ROUNDING: f64 = 1e-12;
 
@@ -32,7 +41,10 @@ impl ElementMap<'_> {
             Map::Curved(c) => {
                 let mut found = CellBox::of([]);
                 let root = c.kind.shape().cell_box();
-                of_part(c, None, &root, &c.bend, world, 0, &mut found);
+                let mut halves = HALVES.take();
+                halves.resize_with(DEPTH, || [Net::nothing(), Net::nothing()]);
+                of_part(c, None, &root, &c.bend, world, &mut halves, &mut found);
+                HALVES.set(halves);
                 if found.is_empty() {
                     return None;
                 }
@@ -118,7 +130,7 @@ fn of_part(
     domain: &CellBox<3>,
     bend_bounds: &[Vec3; 6],
     world: &Aabb,
-    depth: usize,
+    room: &mut Halves,
     found: &mut CellBox<3>,
 ) {
     let Some((inner, settled)) = contract(c, domain, bend_bounds, world) else {
@@ -126,11 +138,11 @@ fn of_part(
     };
     // What others have covered already needs no closer look.
     let covered = (0..3).all(|a| found.min[a] <= inner.min[a] && inner.max[a] <= found.max[a]);
-    if settled || covered || depth == DEPTH {
+    let (true, Some((halves, room))) = (!(settled || covered), room.split_first_mut()) else {
         found.min = found.min.inf(&inner.min);
         found.max = found.max.sup(&inner.max);
         return;
-    }
+    };
     let whole;
     let (net, part) = if let Some((net, part)) = part {
         (net, part)
@@ -139,7 +151,8 @@ fn of_part(
         (&c.net, whole)
     };
     let way = part.longest();
-    for (net, part) in net.split(way).iter().zip(part.split(way)) {
+    net.split_into(way, halves);
+    for (net, part) in halves.iter().zip(part.split(way)) {
         if !Aabb::of(net.coefficients.iter().copied()).meets(*world) {
             continue;
         }
@@ -148,15 +161,7 @@ fn of_part(
         if domain.is_empty() {
             continue;
         }
-        of_part(
-            c,
-            Some((net, part)),
-            &domain,
-            &bounds,
-            world,
-            depth + 1,
-            found,
-        );
+        of_part(c, Some((net, part)), &domain, &bounds, world, room, found);
     }
 }
 

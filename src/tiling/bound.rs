@@ -17,9 +17,19 @@ const WORTH: usize = 256;
 /// How often regions that are asked for together are halved where their centres do not decide.
 const HALVINGS: u32 = 2;
 
+/// What a thread keeps from some regions to the next.
+#[derive(Default)]
+struct Room {
+    /// Triangles of the boundary near all of them.
+    shore: Vec<u32>,
+    /// Elements near all of them, and near one.
+    near: Near,
+    nearer: Near,
+    local: Local,
+}
+
 thread_local! {
-    /// Room for the triangles of the boundary near some regions.
-    static SHORE: Cell<Vec<u32>> = Cell::default();
+    static ROOM: Cell<Option<Box<Room>>> = Cell::default();
 }
 
 /// Regions that lie together, whose bounds are asked for at once.
@@ -69,9 +79,9 @@ impl<F: Filling> TiledSolid<'_, F> {
     pub(super) fn bounds_of_all<const N: usize>(&self, regions: &Together<N>) -> [Interval; N] {
         let w = self.options.half_width;
         let mut all = [Interval::new(w, w); N];
-        let mut shore = SHORE.take();
+        let mut room = ROOM.take().unwrap_or_default();
         for component in 0..self.components.len() {
-            let own = self.bounds_of(component, regions, &mut shore);
+            let own = self.bounds_of(component, regions, &mut room);
             for (a, b) in all.iter_mut().zip(own) {
                 *a = if self.is_cut() || self.components.len() == 1 {
                     Interval::new(a.lo.min(b.lo), a.hi.min(b.hi))
@@ -81,7 +91,7 @@ impl<F: Filling> TiledSolid<'_, F> {
                 };
             }
         }
-        SHORE.set(shore);
+        ROOM.set(Some(room));
         all
     }
 
@@ -95,8 +105,14 @@ impl<F: Filling> TiledSolid<'_, F> {
             layer,
             enough,
         }: &Together<N>,
-        shore: &mut Vec<u32>,
+        room: &mut Room,
     ) -> [Interval; N] {
+        let Room {
+            shore,
+            near,
+            nearer,
+            local,
+        } = room;
         let w = self.options.half_width;
         // Where components meet, what is near the surface of one may lie inside another.
         let enough = enough.filter(|_| self.components.len() == 1);
@@ -114,29 +130,30 @@ impl<F: Filling> TiledSolid<'_, F> {
             }
         }
         let shore = self.is_cut().then_some(&**shore);
-        let near = self.near(component, &around.dilated(reach), self.margin());
+        self.find_near(component, &around.dilated(reach), self.margin(), near);
+        let near = &*near;
         let depth = self.boundary_range(component, &around, Interval::ALL, (shore, &near.patches));
-        let mut nearer = Near::default();
         // Far from the boundary, and where the scaffold does not overlap itself there, F is continuous and L
         // bounds its slopes: what is so much further than the layer around has the layer's sign.
         let may_tell = self.options.distance == Distance::Fast && near.patches.len() <= WORTH;
-        let is_straight = self.are_straight(&near);
+        let is_straight = self.are_straight(near);
         let is_leaf = layer > 0.0 && layer < w;
         let is_deep = may_tell && is_leaf && depth.hi <= -w;
         // Around these most is decided; of a leaf that is open they are the ones asked for.
         let centres = if is_deep { regions } else { wide };
         let mut values = [None; N];
         if may_tell && is_straight {
-            values = self.at_centres(&near, centres, None);
+            values = self.at_centres(near, centres, None);
         }
         let is_once = || {
             let middle = around.centre().0;
             values.iter().any(Option::is_some) || boundary.winding_number(middle).round() == 1.0
         };
         let is_open = is_deep && is_once();
-        let mut local = (is_open && !is_straight).then(|| Local::new(near.clone()));
-        if local.is_some() {
-            values = self.at_centres(&near, centres, local.as_mut());
+        let mut local = (is_open && !is_straight).then_some(local);
+        if let Some(local) = local.as_deref_mut() {
+            local.start(near);
+            values = self.at_centres(near, centres, Some(local));
         }
         let asked = if is_open { regions } else { wide };
         // The one nearest to the surface settles most likely what all are worth.
@@ -161,19 +178,20 @@ impl<F: Filling> TiledSolid<'_, F> {
                 .filter(|_| reach == 0.0)
                 .and_then(|f| {
                     let radius = region.farthest(centres[n].centre());
-                    self.range_about(f, &near, radius, N > 1)
-                        .or_else(|| self.range_of_parts(&near, region, halvings, local.as_mut()))
+                    self.range_about(f, near, radius, N > 1).or_else(|| {
+                        self.range_of_parts(near, region, halvings, local.as_deref_mut())
+                    })
                 })
                 .unwrap_or_else(|| {
                     let all = region.dilated(reach);
                     // Slopes count as far as the layer, too.
                     let among = if is_open { all.dilated(layer) } else { all };
                     if self.is_cut() {
-                        self.keep_near(&near, &among, &mut nearer);
+                        self.keep_near(near, &among, nearer);
                     } else {
-                        nearer = self.near(component, &among, self.margin());
+                        self.find_near(component, &among, self.margin(), nearer);
                     }
-                    self.range_among(component, &nearer, &all, N > 1)
+                    self.range_among(component, nearer, &all, N > 1)
                 });
             found[n] = self.ended_bound(field, depth);
             if enough.is_some_and(|near| found[n].comes_within(near)) {

@@ -6,7 +6,7 @@ use super::near::{Local, Near};
 use super::nodes::Nodes;
 use super::straight::{CROWD, Straight, Wanted};
 use super::{Distance, Filling, TiledSolid};
-use crate::field::{Field, Interval, LeafBits, Leaves, Point, SampleLattice};
+use crate::field::{Field, Interval, LeafBits, Leaves, Point, SampleLattice, enter_signs};
 use crate::frame::{Aabb, Vec3, WorldPoint};
 use std::cell::Cell;
 
@@ -19,6 +19,9 @@ pub(super) const BLOCK: usize = 2;
 #[derive(Default)]
 struct Scratch {
     values: Vec<f32>,
+    /// Elements near the lattice, and near a part of it.
+    wide: Near,
+    local: Local,
     blocks: Vec<Vec<Target>>,
     batch: Batch,
     straight: Straight,
@@ -29,6 +32,8 @@ struct Scratch {
 
 thread_local! {
     static SCRATCH: Cell<Option<Box<Scratch>>> = Cell::default();
+    /// Room for values of which the signs alone are wanted.
+    static SIGNED: Cell<Vec<f32>> = Cell::default();
 }
 
 /// Does something in the room that a thread keeps for straight elements.
@@ -117,6 +122,16 @@ impl<F: Filling> TiledSolid<'_, F> {
         (looked, is_settled && !first)
     }
 
+    /// Where samples are negative, a bit each; returns at how many points a cell was looked at.
+    pub(super) fn fill_signs(&self, lattice: &SampleLattice<WorldPoint>, rows: &mut [u64]) -> u64 {
+        let mut values = SIGNED.take();
+        values.resize(lattice.len(), 0.0);
+        let (looked, _) = self.fill_all((lattice, Wanted::Signs), &mut values);
+        enter_signs(&values, lattice.counts[2], rows);
+        SIGNED.set(values);
+        looked
+    }
+
     /// Notes elements as visited, where that is wanted.
     fn note(&self, near: &Near) {
         if let Some(visits) = self.visits {
@@ -134,6 +149,8 @@ impl<F: Filling> TiledSolid<'_, F> {
         out: &mut [f32],
     ) -> bool {
         let Scratch {
+            wide,
+            local,
             blocks,
             batch,
             straight,
@@ -145,13 +162,14 @@ impl<F: Filling> TiledSolid<'_, F> {
         let span = lattice.span();
         shore.clear();
         // Where the boundary is out of sight all elements that matter are near.
-        let mut wide = if self.is_cut() {
+        let mut reach = 0.0;
+        if self.is_cut() {
             self.find_shore(component, &span, shore);
-            let reach = if shore.is_empty() { 0.0 } else { self.sight() };
-            self.near(component, &span.dilated(reach), self.margin())
-        } else {
-            self.near(component, &span, self.margin())
-        };
+            if !shore.is_empty() {
+                reach = self.sight();
+            }
+        }
+        self.find_near(component, &span.dilated(reach), self.margin(), wide);
         let shore = self.is_cut().then_some(&**shore);
         let around = (shore, &*wide.patches);
         let whole_depth = self.boundary_range(component, &span, Interval::ALL, around);
@@ -161,22 +179,23 @@ impl<F: Filling> TiledSolid<'_, F> {
         }
         if !self.is_cut() {
             let reached = span.dilated(self.reach(whole_depth.hi));
-            wide = self.near(component, &reached, self.margin());
+            self.find_near(component, &reached, self.margin(), wide);
         }
-        self.note(&wide);
-        if self.fill_by_nodes((&wide, whole_depth), lattice, nodes, out) {
+        let wide = &*wide;
+        self.note(wide);
+        if self.fill_by_nodes((wide, whole_depth), lattice, nodes, out) {
             return false;
         }
         if self.options.distance == Distance::Fast
             && wide.patches.len() <= CROWD
-            && self.are_straight(&wide)
+            && self.are_straight(wide)
         {
             let lattice = (lattice, wanted);
             let boundary = (whole_depth, shore);
-            self.fill_straight((component, &wide), lattice, boundary, straight, out);
+            self.fill_straight((component, wide), lattice, boundary, straight, out);
             return straight.is_settled();
         }
-        let mut local = Local::rough();
+        local.start_rough();
         for part in parts(lattice) {
             let region = part.span(lattice);
             let depth = if whole_depth.hi <= -w {
@@ -191,7 +210,7 @@ impl<F: Filling> TiledSolid<'_, F> {
                 shore,
             };
             let region = region.dilated(self.reach(depth.hi.min(whole_depth.hi)));
-            self.narrow(&wide, &region, &mut local);
+            self.narrow(wide, &region, local);
             let decisive = w * local.near.slope_sup;
             let range = self
                 .field_range(&local.near, &region, decisive)
@@ -211,13 +230,13 @@ impl<F: Filling> TiledSolid<'_, F> {
                     out[n] = d as f32;
                 }
             } else if known.constant.is_none() && self.options.distance == Distance::Fast {
-                part.blocks(lattice, blocks);
-                self.measure(component, &mut local, blocks, known, batch, out);
+                let blocks = part.blocks(lattice, blocks);
+                self.measure(component, local, blocks, known, batch, out);
             } else {
                 for n in part.indices(lattice) {
                     batch.looked += 1;
                     let x = lattice.point(n).0;
-                    out[n] = self.value_at(component, &mut local, x, known) as f32;
+                    out[n] = self.value_at(component, local, x, known) as f32;
                 }
             }
         }
@@ -259,11 +278,19 @@ impl PartOfLattice {
     }
 
     /// Its samples by blocks, each in storage order.
-    fn blocks(&self, lattice: &SampleLattice<WorldPoint>, blocks: &mut Vec<Vec<Target>>) {
+    fn blocks<'a>(
+        &self,
+        lattice: &SampleLattice<WorldPoint>,
+        room: &'a mut Vec<Vec<Target>>,
+    ) -> &'a [Vec<Target>] {
         let [_, ny, nz] = lattice.counts;
         let count = [0, 1, 2].map(|a| (self.last[a] - self.first[a]) / BLOCK + 1);
-        blocks.resize_with(count.iter().product(), Vec::new);
-        let mut blocks = blocks.iter_mut();
+        let all = count.iter().product();
+        // Those that are not needed now keep their room.
+        if room.len() < all {
+            room.resize_with(all, Vec::new);
+        }
+        let mut blocks = room[..all].iter_mut();
         let along = |a: usize, block: usize| {
             let first = self.first[a] + BLOCK * block;
             first..=self.last[a].min(first + BLOCK - 1)
@@ -291,6 +318,7 @@ impl PartOfLattice {
                 }
             }
         }
+        &room[..all]
     }
 }
 

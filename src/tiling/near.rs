@@ -13,9 +13,6 @@ pub(super) const NEIGHBOUR: f64 = 1.733;
 /// and to their neighbours.
 const AROUND: f64 = 2.0;
 
-/// Elements that are near a leaf, mostly no more than so many.
-const FEW: usize = 64;
-
 /// How far from the surface the slopes matter that the band's values depend on, world units.
 pub(super) fn near_surface(options: TilingOptions) -> f64 {
     options.half_width + AROUND * options.voxel_size
@@ -33,8 +30,18 @@ pub(super) struct Near {
     slope_most: f64,
 }
 
+impl Near {
+    /// Becomes another, in the room that it has.
+    fn copy(&mut self, other: &Self) {
+        let patches = std::mem::take(&mut self.patches);
+        *self = Self { patches, ..*other };
+        self.patches.clone_from(&other.patches);
+    }
+}
+
 /// Elements near a box, with what one point teaches about the next: never the result, only how soon
 /// it is found.
+#[derive(Default)]
 pub(super) struct Local {
     pub near: Near,
     /// The last point's owner.
@@ -67,11 +74,24 @@ impl Local {
         let trails = vec![Cell::new(None); near.patches.len()];
         Self {
             near,
-            last: None,
             trails,
-            is_rough: false,
-            before: (Vec::new(), Vec::new()),
+            ..Self::default()
         }
+    }
+
+    /// Forgets all, for other elements: what is known of those before must not decide even the last bits.
+    pub fn start(&mut self, near: &Near) {
+        self.near.copy(near);
+        self.last = None;
+        self.is_rough = false;
+        self.trails.clear();
+        self.trails.resize(near.patches.len(), Cell::new(None));
+    }
+
+    /// The same for none, to be filled by [`TiledSolid::narrow`], for values in single precision.
+    pub fn start_rough(&mut self) {
+        self.start(&Near::default());
+        self.is_rough = true;
     }
 
     /// What the next point of an element is guessed from.
@@ -82,14 +102,6 @@ impl Local {
     fn note(&self, place: usize, patch: &Patch, x: Vec3, spot: &Spot) {
         let trail = self.trail(place, patch).moved(x, spot);
         self.trails[place].set(Some(trail));
-    }
-
-    /// An empty list, to be filled by [`TiledSolid::narrow`], for values in single precision.
-    pub fn rough() -> Self {
-        Self {
-            is_rough: true,
-            ..Self::new(Near::default())
-        }
     }
 
     /// How an element looks for a point.
@@ -117,21 +129,21 @@ impl<F: Filling> TiledSolid<'_, F> {
 
     /// The elements of a component that may be less than `margin` away from a point of `region`.
     pub(super) fn near(&self, component: usize, region: &Aabb, margin: f64) -> Near {
-        let mut patches = Vec::with_capacity(FEW);
-        self.scaffold
-            .candidates(&region.dilated(margin), &mut patches);
+        let mut near = Near::default();
+        self.find_near(component, region, margin, &mut near);
+        near
+    }
+
+    /// The same, in the place of others.
+    pub(super) fn find_near(&self, component: usize, region: &Aabb, margin: f64, near: &mut Near) {
+        let patches = &mut near.patches;
+        self.scaffold.candidates(&region.dilated(margin), patches);
         let (centre, half) = (region.centre().0, region.size() / 2.0);
         patches.retain(|&e| {
             self.component_of[e as usize] as usize == component
                 && !self.patches[e as usize].misses(centre, half, margin)
         });
-        patches.sort_unstable();
-        let mut near = Near {
-            patches,
-            ..Near::default()
-        };
-        self.find_slopes(&mut near);
-        near
+        self.find_slopes(near);
     }
 
     fn find_slopes(&self, near: &mut Near) {

@@ -7,6 +7,7 @@ use super::walk::{self, Leg, Pace, Walkers};
 use super::walls::Walls;
 use crate::frame::{CellPoint, Element, Mat3, Vec3};
 use crate::scaffold::Scaffold;
+use std::sync::OnceLock;
 
 /// Points this close to a face, in reference units, belong to the element.
 pub(super) const ON_FACE: f64 = 1e-9;
@@ -70,6 +71,12 @@ pub(super) struct Spots {
     /// `None` where nothing was found.
     pub all: Vec<Option<Spot>>,
     at: Vec<Vec3>,
+}
+
+/// The reference vertices, made once.
+fn vertices(shape: Element) -> &'static [Vec3] {
+    static ALL: [OnceLock<Vec<Vec3>>; 7] = [const { OnceLock::new() }; 7];
+    ALL[shape as usize].get_or_init(|| shape.vertices())
 }
 
 impl Spots {
@@ -153,7 +160,7 @@ impl Patch {
                 let from = |start: Vec3| self.newton(scaffold, x, start, search.is_rough);
                 from(self.clamp(guess))
                     .or_else(|| from(Vec3::zeros()))
-                    .or_else(|| self.shape.vertices().into_iter().find_map(from))
+                    .or_else(|| vertices(self.shape).iter().copied().find_map(from))
             }
         }
     }

@@ -5,7 +5,7 @@ use crate::strategy::Noise;
 use druse::band::{Band, LeafMap, Statistics};
 use druse::cell::{Surface, Table};
 use druse::field::Field;
-use druse::frame::{Coord, Transform};
+use druse::frame::{Coord, Element, Transform};
 use druse::progress::{Silent, Threads};
 use druse::scaffold::Kind;
 use druse::tiling::TiledSolid;
@@ -77,11 +77,13 @@ fn memory_is_asked_for_by_leaves_at_most() {
     let one = Threads::new(1).unwrap();
     for (kind, noise, most) in [
         (Kind::Hex8, 0.0, 0.05),
-        (Kind::Tet4, 0.15, 6.0),
-        (Kind::Tet10, 0.15, 26.0),
+        (Kind::Tet4, 0.15, 0.05),
+        (Kind::Tet10, 0.15, 0.05),
+        (Kind::Hex8, 0.15, 0.05),
+        (Kind::Hex27, 0.15, 0.08),
     ] {
         let scaffold = scaffold(kind, [2, 2, 2], noise, 5);
-        let surface = if kind == Kind::Hex8 {
+        let surface = if kind.shape() == Element::Hex {
             Surface::SchwarzP
         } else {
             Surface::Diamond
