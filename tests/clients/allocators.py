@@ -1,4 +1,4 @@
-"""What the program takes with other allocators in the place of the C library's: allocators.py DRUSE DIRECTORY.
+"""What the program takes with other allocators in the place of the C library's: allocators.py DRUSE DIRECTORY [ROUNDS].
 
 Makes a part in memory, one in bricks and one of bent elements, in turn with each allocator that Debian's libraries
 offer, put before the C library's through LD_PRELOAD, so that both languages use it. Prints the median processor time of
@@ -15,7 +15,6 @@ import subprocess
 import sys
 import time
 
-ROUNDS = 3
 LIBRARIES = pathlib.Path("/usr/lib/x86_64-linux-gnu")
 ALLOCATORS = {
     "C library": None,
@@ -45,14 +44,15 @@ def cost(command, allocator):
 
 
 def main():
-    druse, directory = sys.argv[1:]
+    druse, directory, *rounds = sys.argv[1:]
+    rounds = int(rounds[0]) if rounds else 3
     here = {name: file for name, file in ALLOCATORS.items() if file is None or (LIBRARIES / file).exists()}
     for name in ALLOCATORS.keys() - here.keys():
         print(f"{name}: {LIBRARIES / ALLOCATORS[name]} is not there, left out")
     for run, arguments in RUNS.items():
         command = [druse, "run", *arguments, "--quiet", "--out", directory]
         found = {name: [] for name in here}
-        for _ in range(ROUNDS):
+        for _ in range(rounds):
             for name, file in here.items():
                 found[name].append(cost(command, file))
         base = None
