@@ -139,7 +139,8 @@ impl<F: Filling> TiledSolid<'_, F> {
         let is_straight = self.are_straight(near);
         let is_leaf = layer > 0.0 && layer < w;
         let is_deep = may_tell && is_leaf && depth.hi <= -w;
-        // Around these most is decided; of a leaf that is open they are the ones asked for.
+        // Around these most is decided; of a leaf that is open they are the ones asked for. Of one that is deep
+        // and not open no single element holds any, so that there are no values.
         let centres = if is_deep { regions } else { wide };
         let mut values = [None; N];
         if may_tell && is_straight {
@@ -209,7 +210,8 @@ impl<F: Filling> TiledSolid<'_, F> {
             let d = w.copysign(f);
             return Some(Interval::new(d, d));
         }
-        // No interval that holds it is far from 0, however few of the elements it is of.
+        // No interval that holds it is far from 0: all lists of elements near it have its owner, whose slopes
+        // are not below the least.
         (is_coarse && f.abs() < near.slope_least * w).then(|| Interval::new(-w, w))
     }
 

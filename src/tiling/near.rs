@@ -13,6 +13,9 @@ pub(super) const NEIGHBOUR: f64 = 1.733;
 /// and to their neighbours.
 const AROUND: f64 = 2.0;
 
+/// Elements that are near a point, mostly no more than so many.
+const FEW: usize = 64;
+
 /// How far from the surface the slopes matter that the band's values depend on, world units.
 pub(super) fn near_surface(options: TilingOptions) -> f64 {
     options.half_width + AROUND * options.voxel_size
@@ -40,7 +43,7 @@ impl Near {
 }
 
 /// Elements near a box, with what one point teaches about the next: never the result, only how soon
-/// it is found.
+/// it is found, but for rounding.
 #[derive(Default)]
 pub(super) struct Local {
     pub near: Near,
@@ -129,7 +132,10 @@ impl<F: Filling> TiledSolid<'_, F> {
 
     /// The elements of a component that may be less than `margin` away from a point of `region`.
     pub(super) fn near(&self, component: usize, region: &Aabb, margin: f64) -> Near {
-        let mut near = Near::default();
+        let mut near = Near {
+            patches: Vec::with_capacity(FEW),
+            ..Near::default()
+        };
         self.find_near(component, region, margin, &mut near);
         near
     }

@@ -45,6 +45,8 @@ pub(super) struct Straight {
     /// Triangles of the boundary that may show, part by part.
     shores: Vec<u32>,
     along: [Vec<Along>; 3],
+    /// Elements near a part, where many are near the lattice.
+    few: Near,
     /// Whether some sample, as far from the surface as the half width, may have a neighbour of the other sign.
     is_open: bool,
     /// At how many points a cell was looked at.
@@ -130,7 +132,7 @@ impl<F: Filling> TiledSolid<'_, F> {
             room.along = along;
             return;
         }
-        let mut few = Near::default();
+        let mut few = std::mem::take(&mut room.few);
         for part in parts(lattice) {
             room.clear();
             let own = self.depth_of(&whole, &part, depth);
@@ -143,6 +145,7 @@ impl<F: Filling> TiledSolid<'_, F> {
             self.enter(&scene, &part, own, room, out);
             self.fill_entered(&scene, room, out);
         }
+        room.few = few;
         room.along = along;
     }
 
