@@ -17,6 +17,9 @@ use std::sync::OnceLock;
 
 /// Splits of one part at most.
 const DEPTH: usize = 12;
+/// Relative growth that covers rounding.
+const ROUNDING: f64 = 1e-12;
+
 /// Halves of a part and of each of its parts, one level after the other.
 type Halves = [[Net<Vec3>; 2]];
 
@@ -24,9 +27,6 @@ thread_local! {
     /// Room for them, which serves again.
     static HALVES: Cell<Vec<[Net<Vec3>; 2]>> = Cell::default();
 }
-
-/// Relative growth that covers rounding.
-const ROUNDING: f64 = 1e-12;
 
 impl ElementMap<'_> {
     /// A box in the cell frame around every point of the closed reference cell that maps into

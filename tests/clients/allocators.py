@@ -62,7 +62,7 @@ def main():
             base = base or all_of_it
             parts = zip(("processor", "system", "wall"), all_of_it, base)
             text = "  ".join(f"{what} {value:6.2f} s ({value / first:.2f})" for what, value, first in parts)
-            print(f"{run:10} {name:10} {text}  peak {all_of_it[3]:5.0f} MiB ({all_of_it[3] / base[3]:.2f})", flush=True)
+            print(f"figure: {run:10} {name:10} {text}  peak {all_of_it[3]:5.0f} MiB ({all_of_it[3] / base[3]:.2f})", flush=True)
 
 
 main()
