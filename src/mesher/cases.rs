@@ -15,7 +15,7 @@ pub(super) struct Loop {
     pub len: u8,
     /// The edges in order.
     pub edges: [u8; 7],
-    /// Which of them, as bits, may be the apex of a fan.
+    /// Which of them, as bits, may be the apex of a fan; of those with equal fans the first.
     pub apexes: u8,
 }
 
@@ -31,6 +31,8 @@ impl Loop {
 pub(super) struct Case {
     loops: [Loop; 4],
     count: u8,
+    /// Triangles of all loops.
+    pub triangles: u8,
 }
 
 impl Case {
@@ -128,18 +130,21 @@ fn derive(bits: usize) -> Case {
             found.apexes = apexes(found.edges());
             case.loops[usize::from(case.count)] = found;
             case.count += 1;
+            case.triangles += found.len - 2;
         }
     }
     case
 }
 
-/// Vertices of a loop from which no diagonal lies in a face.
+/// Vertices of a loop from which no diagonal lies in a face. Opposite ones of four have their diagonal in
+/// common.
 fn apexes(edges: &[u8]) -> u8 {
     let n = edges.len();
+    let distinct = if n == 4 { 2 } else { n };
     let fits = |apex: usize| {
         (2..n - 1).all(|i| !share_a_face(edges[apex].into(), edges[(apex + i) % n].into()))
     };
-    (0..n).filter(|&a| fits(a)).map(|a| 1 << a).sum()
+    (0..distinct).filter(|&a| fits(a)).map(|a| 1 << a).sum()
 }
 
 #[cfg(test)]

@@ -2,12 +2,13 @@
 
 use super::MesherError;
 use super::cases::{CASES, EDGES, Loop, edge_base};
-use super::sheet::{BATCH, Corners, FIRST_COLUMN, FIRST_ROW, Sheet, mixed};
+use super::sheet::{BATCH, Corners, FIRST_COLUMN, FIRST_ROW, Sheet, mixed, split};
 use crate::frame::Vec3;
 use crate::progress::{Cancelled, Progress};
 use rayon::prelude::*;
 
-/// All triangles in the order of their leaves.
+/// All triangles in the order of their leaves. They are counted first, so that each is written once and
+/// where it stays.
 pub(super) fn triangles(
     sheet: &Sheet,
     vertices: &[Vec3],
@@ -15,38 +16,30 @@ pub(super) fn triangles(
 ) -> Result<Vec<[u32; 3]>, MesherError> {
     let own = &sheet.order[..sheet.owned[0]];
     progress.stage("triangles", Some(own.len() as u64));
-    let parts: Vec<Vec<[u32; 3]>> = own
+    let counts: Vec<usize> = own
         .par_chunks(BATCH)
-        .map(|part| {
-            let mut triangles = Vec::new();
-            let mut numbers = Numbers([0; 3 * AXIS]);
-            for &n in part {
-                if progress.cancelled() {
-                    return Err(Cancelled);
-                }
-                of_leaf(sheet, n as usize, vertices, &mut numbers, &mut triangles);
+        .map(|part| part.iter().map(|&n| count(sheet, n as usize)).sum())
+        .collect();
+    // Room that is zeros is first touched where it is filled: by all threads.
+    let mut all = vec![[0; 3]; counts.iter().sum()];
+    let parts: Vec<_> = own.chunks(BATCH).zip(split(&mut all, &counts)).collect();
+    parts.into_par_iter().try_for_each(|(part, out)| {
+        let mut slots = out.iter_mut();
+        let mut numbers = Numbers([0; 3 * AXIS]);
+        for &n in part {
+            if progress.cancelled() {
+                return Err(Cancelled);
             }
-            progress.advance(part.len() as u64);
-            Ok(triangles)
-        })
-        .collect::<Result<_, _>>()?;
-    Ok(joined(&parts))
-}
-
-/// One list after the other. Room that is zeros is first touched where it is filled: by all threads.
-fn joined(parts: &[Vec<[u32; 3]>]) -> Vec<[u32; 3]> {
-    let mut all = vec![[0; 3]; parts.iter().map(Vec::len).sum()];
-    let mut rest = &mut all[..];
-    let mut tasks = Vec::with_capacity(parts.len());
-    for part in parts {
-        let (own, others) = rest.split_at_mut(part.len());
-        tasks.push((part, own));
-        rest = others;
-    }
-    tasks
-        .into_par_iter()
-        .for_each(|(part, own)| own.copy_from_slice(part));
-    all
+            of_leaf(sheet, n as usize, vertices, &mut numbers, |triangle| {
+                if let Some(slot) = slots.next() {
+                    *slot = triangle;
+                }
+            });
+        }
+        progress.advance(part.len() as u64);
+        Ok(())
+    })?;
+    Ok(all)
 }
 
 /// Voxels along a leaf's edge with the first of the next, and edges along one axis of all of them.
@@ -100,27 +93,42 @@ impl Numbers {
     }
 }
 
+/// Triangles of a leaf's cells.
+fn count(sheet: &Sheet, n: usize) -> usize {
+    let cases = &**CASES;
+    let mut triangles = 0;
+    each_cell(&sheet.corners(n), |_, case| {
+        triangles += usize::from(cases[case].triangles);
+    });
+    triangles
+}
+
 fn of_leaf(
     sheet: &Sheet,
     n: usize,
     vertices: &[Vec3],
     numbers: &mut Numbers,
-    triangles: &mut Vec<[u32; 3]>,
+    mut visit: impl FnMut([u32; 3]),
 ) {
     let cases = &**CASES;
-    let corners = sheet.corners(n);
     numbers.enter(sheet, n);
+    each_cell(&sheet.corners(n), |cell, case| {
+        for l in cases[case].loops() {
+            let number = |edge: u8| numbers.0[cell + EDGE_AT[usize::from(edge)]];
+            fan(l, number, vertices, &mut visit);
+        }
+    });
+}
+
+/// The cells of a leaf that change sign: place in [`Numbers`], and case.
+fn each_cell(corners: &Corners, mut visit: impl FnMut(usize, usize)) {
     for x in 0..8 {
         let mut cells = mixed(&corners[x]) | mixed(&corners[x + 1]);
         cells |= corners[x][0] ^ corners[x + 1][0];
         while cells != 0 {
             let bit = cells.trailing_zeros() as usize;
             cells &= cells - 1;
-            let cell = slot(x, bit >> 3, bit & 7);
-            for l in cases[case(&corners, x, bit)].loops() {
-                let number = |edge: u8| numbers.0[cell + EDGE_AT[usize::from(edge)]];
-                fan(l, number, vertices, triangles);
-            }
+            visit(slot(x, bit >> 3, bit & 7), case(corners, x, bit));
         }
     }
 }
@@ -136,15 +144,22 @@ fn case(corners: &Corners, x: usize, bit: usize) -> usize {
 }
 
 /// Cuts a loop into triangles around the vertex whose diagonals are shortest.
-fn fan(l: &Loop, number: impl Fn(u8) -> u32, vertices: &[Vec3], triangles: &mut Vec<[u32; 3]>) {
+fn fan(
+    l: &Loop,
+    number: impl Fn(u8) -> u32,
+    vertices: &[Vec3],
+    visit: &mut impl FnMut([u32; 3]),
+) {
     let len = l.edges().len();
-    let mut numbers = [0; 7];
-    for (own, &edge) in numbers.iter_mut().zip(l.edges()) {
-        *own = number(edge);
+    // Twice around, so that nothing need be divided by the length.
+    let mut ring = [0; 14];
+    for (i, &edge) in l.edges().iter().enumerate() {
+        ring[i] = number(edge);
+        ring[i + len] = ring[i];
     }
     let mut apex = 0;
     if len > 3 {
-        let at = |i: usize| vertices[numbers[i % len] as usize];
+        let at = |i: usize| vertices[ring[i] as usize];
         let mut least = f64::INFINITY;
         for a in (0..len).filter(|a| l.apexes >> a & 1 == 1) {
             let from = at(a);
@@ -157,6 +172,6 @@ fn fan(l: &Loop, number: impl Fn(u8) -> u32, vertices: &[Vec3], triangles: &mut 
         }
     }
     for i in 1..len - 1 {
-        triangles.push([apex, apex + i, apex + i + 1].map(|i| numbers[i % len]));
+        visit([apex, apex + i, apex + i + 1].map(|i| ring[i]));
     }
 }

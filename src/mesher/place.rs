@@ -1,6 +1,6 @@
 //! Where on its edge a vertex is.
 
-use super::sheet::{BATCH, Sheet, above};
+use super::sheet::{BATCH, Sheet, above, split};
 use super::{Mesher, MesherError};
 use crate::field::WorldField;
 use crate::frame::{Vec3, WorldPoint};
@@ -26,16 +26,13 @@ pub(super) fn vertices(
     // By all threads, since the first touch of its memory takes as long as the work.
     let zeros = (0..sheet.vertices).into_par_iter().with_min_len(1 << 12);
     let mut all: Vec<Vec3> = zeros.map(|_| Vec3::zeros()).collect();
-    let mut rest = &mut all[..];
-    let mut tasks = Vec::with_capacity(sheet.order.len() / BATCH + 1);
-    let mut taken = 0;
-    for part in sheet.order.chunks(BATCH) {
-        let after = sheet.order.get(tasks.len() * BATCH + part.len());
-        let end = after.map_or(sheet.vertices, |&n| sheet.edges[n as usize].first as usize);
-        let (own, others) = rest.split_at_mut(end - taken);
-        tasks.push((part, own));
-        (rest, taken) = (others, end);
-    }
+    let count = |part: &[u32]| -> usize {
+        let counts = part.iter().map(|&n| sheet.edges[n as usize].count());
+        counts.sum::<u32>() as usize
+    };
+    let counts: Vec<usize> = sheet.order.chunks(BATCH).map(count).collect();
+    let parts = sheet.order.chunks(BATCH).zip(split(&mut all, &counts));
+    let tasks: Vec<_> = parts.collect();
     progress.stage("vertices", Some(sheet.order.len() as u64));
     tasks.into_par_iter().try_for_each(|(part, out)| {
         let mut slots = out.iter_mut();

@@ -57,7 +57,8 @@ pub(super) struct Edges {
 }
 
 impl Edges {
-    fn count(&self) -> u32 {
+    /// Vertices of the leaf.
+    pub fn count(&self) -> u32 {
         u32::from(self.before[23]) + self.masks[23].count_ones()
     }
 
@@ -249,6 +250,12 @@ impl<'a> Sheet<'a> {
         }
         None
     }
+}
+
+/// Consecutive parts of these lengths.
+pub(super) fn split<'a, T>(mut all: &'a mut [T], lengths: &[usize]) -> Vec<&'a mut [T]> {
+    let part = |&length: &usize| all.split_off_mut(..length).unwrap_or_default();
+    lengths.iter().map(part).collect()
 }
 
 /// Bits in which words differ.
