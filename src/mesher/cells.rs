@@ -144,12 +144,7 @@ fn case(corners: &Corners, x: usize, bit: usize) -> usize {
 }
 
 /// Cuts a loop into triangles around the vertex whose diagonals are shortest.
-fn fan(
-    l: &Loop,
-    number: impl Fn(u8) -> u32,
-    vertices: &[Vec3],
-    visit: &mut impl FnMut([u32; 3]),
-) {
+fn fan(l: &Loop, number: impl Fn(u8) -> u32, vertices: &[Vec3], visit: &mut impl FnMut([u32; 3])) {
     let len = l.edges().len();
     // Twice around, so that nothing need be divided by the length.
     let mut ring = [0; 14];

@@ -119,8 +119,13 @@ const SUBJECTS: &[Subject] = &[
     },
     #[cfg(feature = "vdb")]
     Subject {
-        keys: &["P14", "P17.mesh"],
+        keys: &["P14"],
         measure: mesher::against_open_vdb,
+    },
+    #[cfg(feature = "vdb")]
+    Subject {
+        keys: &["P17.mesh"],
+        measure: mesher::on_two_threads,
     },
     #[cfg(all(feature = "vdb", feature = "cli"))]
     Subject {
