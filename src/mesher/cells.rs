@@ -18,8 +18,13 @@ pub(super) fn triangles(
     progress.stage("triangles", Some(own.len() as u64));
     let counts: Vec<usize> = own
         .par_chunks(BATCH)
-        .map(|part| part.iter().map(|&n| count(sheet, n as usize)).sum())
-        .collect();
+        .map(|part| {
+            if progress.cancelled() {
+                return Err(Cancelled);
+            }
+            Ok(part.iter().map(|&n| count(sheet, n as usize)).sum())
+        })
+        .collect::<Result<_, _>>()?;
     // Room that is zeros is first touched where it is filled: by all threads.
     let mut all = vec![[0; 3]; counts.iter().sum()];
     let parts: Vec<_> = own.chunks(BATCH).zip(split(&mut all, &counts)).collect();

@@ -31,10 +31,10 @@ pub(super) fn vertices(
         counts.sum::<u32>() as usize
     };
     let counts: Vec<usize> = sheet.order.chunks(BATCH).map(count).collect();
-    let parts = sheet.order.chunks(BATCH).zip(split(&mut all, &counts));
-    let tasks: Vec<_> = parts.collect();
+    let chunks = sheet.order.chunks(BATCH);
+    let parts: Vec<_> = chunks.zip(split(&mut all, &counts)).collect();
     progress.stage("vertices", Some(sheet.order.len() as u64));
-    tasks.into_par_iter().try_for_each(|(part, out)| {
+    parts.into_par_iter().try_for_each(|(part, out)| {
         let mut slots = out.iter_mut();
         for &n in part {
             if progress.cancelled() {

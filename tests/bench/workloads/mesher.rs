@@ -8,23 +8,23 @@ use crate::Setting;
 use druse::progress::{Silent, Threads};
 use druse::vdb::Session;
 use std::hint::black_box;
-use std::process::Command;
+use std::process::{Command, Stdio};
 
 type Fault = std::boxed::Box<dyn std::error::Error>;
 
 const ROUNDS: usize = 5;
 
-/// P14: W1's surface. OpenVDB's time is that of `volumeToMesh` as the library calls it, with
-/// the copy that keeps it manifold.
+/// P14: W1's surface. OpenVDB's time is that of `volumeToMesh` as the library calls it, with the copy
+/// that keeps it manifold.
 pub fn against_open_vdb(setting: &Setting) -> Result<Vec<Found>, Fault> {
     let level_set = W1::new(setting.full)?.level_set()?;
     let one = Threads::new(1)?;
-    let ours = |threads: &Threads| level_set.to_mesh(Session::new(threads, &Silent));
+    let ours = || level_set.to_mesh(Session::new(&one, &Silent));
     let theirs = || level_set.to_quads(0.0, Session::new(&one, &Silent));
-    let counts = [ours(&one)?.vertices().len(), theirs()?.vertices().len()];
+    let counts = [ours()?.vertices().len(), theirs()?.vertices().len()];
     let seconds = in_turn(
         ROUNDS,
-        &mut [&mut || drop(black_box(ours(&one))), &mut || {
+        &mut [&mut || drop(black_box(ours())), &mut || {
             drop(black_box(theirs()));
         }],
     );
@@ -46,7 +46,7 @@ pub fn against_open_vdb(setting: &Setting) -> Result<Vec<Found>, Fault> {
 
 /// The C library's allocator takes room of more than 128 KiB from the system and gives it back, as in a
 /// run, which makes one mesh. Otherwise it keeps some of what was given back, in one process and not in
-/// the next: the same program was found at 1.3 and at 2.4.
+/// the next, and what two threads gain follows that.
 const ALLOCATOR: [&str; 2] = ["GLIBC_TUNABLES", "glibc.malloc.mmap_threshold=131072"];
 
 /// P17.mesh: W1's surface, in a process whose allocator is in a known state.
@@ -63,12 +63,17 @@ pub fn on_two_threads(setting: &Setting) -> Result<Vec<Found>, Fault> {
             on(&two);
         })]);
     }
-    let mut child = Command::new(std::env::current_exe()?);
+    let program = std::env::current_exe()?;
+    let mut child = Command::new(&program);
     child.args([KEY, "--json"]).env(variable, value);
+    child.stderr(Stdio::inherit());
     if setting.full {
         child.arg("--full");
     }
     let output = child.output()?;
+    if !output.status.success() {
+        return Err(format!("{}: {}", program.display(), output.status).into());
+    }
     let found: serde_json::Value = serde_json::from_slice(&output.stdout)?;
     let note = found[KEY]["note"].as_str().unwrap_or_default().to_owned();
     Ok(vec![match found[KEY]["value"].as_f64() {
