@@ -13,9 +13,10 @@ using namespace openvdb;
 namespace druse {
 
 struct LeafTable::Impl {
+  // Masks are read where they are asked for: by whichever threads go through the table.
   struct Entry {
     Coord origin;
-    std::array<std::uint64_t, 8> mask;
+    const Leaf::NodeMaskType* mask;
     const float* values;
   };
   std::vector<Entry> leaves;
@@ -25,13 +26,11 @@ struct LeafTable::Impl {
   void list(const TreeType& tree) {
     std::vector<const typename TreeType::LeafNodeType*> nodes;
     tree.getNodes(nodes);
-    std::sort(nodes.begin(), nodes.end(), [](const auto* a, const auto* b) { return a->origin() < b->origin(); });
     leaves.reserve(nodes.size());
     for (const auto* node : nodes) {
-      Entry entry{node->origin(), {}, reinterpret_cast<const float*>(node->buffer().data())};
-      for (int w = 0; w < 8; ++w) entry.mask[w] = node->valueMask().template getWord<std::uint64_t>(w);
-      leaves.push_back(entry);
+      leaves.push_back({node->origin(), &node->valueMask(), reinterpret_cast<const float*>(node->buffer().data())});
     }
+    std::sort(leaves.begin(), leaves.end(), [](const Entry& a, const Entry& b) { return a.origin < b.origin; });
   }
 };
 
@@ -56,7 +55,7 @@ LeafHead LeafTable::head(std::size_t index) const {
   const Impl::Entry& leaf = impl->leaves.at(index);
   LeafHead head{};
   for (int a = 0; a < 3; ++a) head.origin[a] = leaf.origin[a];
-  head.mask = leaf.mask;
+  for (int w = 0; w < 8; ++w) head.mask[w] = leaf.mask->getWord<std::uint64_t>(w);
   return head;
 }
 
@@ -75,7 +74,7 @@ std::unique_ptr<Grid> grid_attribute(const Grid& shape, std::size_t components, 
       auto leaf = std::make_unique<LeafType>(entry.origin, grid->background(), false);
       bool any = false;
       for (Index n = 0; n < LeafType::SIZE; ++n) {
-        if (!(entry.mask[n >> 6] >> (n & 63) & 1)) continue;
+        if (!entry.mask->isOn(n)) continue;
         if (next + components > values.size()) throw std::invalid_argument("too few values for the active voxels");
         leaf->setValueOn(n, make(values.data() + next));
         next += components;

@@ -84,14 +84,10 @@ impl Numbers {
             // Edges that begin beyond the cells along their axis are no sides of them.
             for axis in (0..3).filter(|&a| up[a] == 0) {
                 for x in 0..if up[0] == 1 { 1 } else { 8 } {
-                    let word = 8 * axis + x;
-                    let mut bits = edges.masks[word] & row & column;
                     let base = axis * AXIS + slot(x + 8 * up[0], 8 * up[1], 8 * up[2]);
-                    while bits != 0 {
-                        let bit = bits.trailing_zeros() as usize;
-                        bits &= bits - 1;
-                        self.0[base + slot(0, bit >> 3, bit & 7)] = edges.number(word, bit);
-                    }
+                    edges.each(8 * axis + x, row & column, |bit, number| {
+                        self.0[base + slot(0, bit >> 3, bit & 7)] = number;
+                    });
                 }
             }
         }

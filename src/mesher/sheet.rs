@@ -11,6 +11,7 @@ use crate::lanes::{self, Lanes, Work};
 use crate::mesh::MeshError;
 use crate::progress::{Cancelled, Progress};
 use rayon::prelude::*;
+use std::sync::{Mutex, PoisonError};
 
 /// Leaves that a task takes at once.
 pub(super) const BATCH: usize = 64;
@@ -62,10 +63,19 @@ impl Edges {
         u32::from(self.before[23]) + self.masks[23].count_ones()
     }
 
-    /// The number of the vertex on the edge that begins at a bit of a word.
-    pub fn number(&self, word: usize, bit: usize) -> u32 {
-        let below = self.masks[word] & ((1 << bit) - 1);
-        self.first + u32::from(self.before[word]) + below.count_ones()
+    /// Calls `visit` with those edges of a word whose bits are set in a mask, and the numbers of their
+    /// vertices.
+    pub fn each(&self, word: usize, mask: u64, mut visit: impl FnMut(usize, u32)) {
+        let mut number = self.first + u32::from(self.before[word]);
+        let mut bits = self.masks[word];
+        while bits != 0 {
+            let bit = bits.trailing_zeros() as usize;
+            bits &= bits - 1;
+            if mask >> bit & 1 == 1 {
+                visit(bit, number);
+            }
+            number += 1;
+        }
     }
 }
 
@@ -124,15 +134,27 @@ impl<'a> Sheet<'a> {
             owned: [inner, 0],
             vertices: 0,
         };
+        let tear = Mutex::new(None);
+        // A list of known length, made in place: one of results would be put together from pieces.
         let edges = (0..leaves.len()).into_par_iter().with_min_len(BATCH);
-        sheet.edges = edges
-            .map(|n| {
-                if n % BATCH == 0 && progress.cancelled() {
-                    return Err(Cancelled.into());
-                }
-                sheet.edges_of(n)
-            })
-            .collect::<Result<_, MesherError>>()?;
+        let edges = edges.map(|n| {
+            if n % BATCH == 0 && progress.cancelled() {
+                return Edges::default();
+            }
+            let (edges, torn) = sheet.edges_of(n);
+            if let Some(voxel) = torn {
+                let mut least = tear.lock().unwrap_or_else(PoisonError::into_inner);
+                *least = Some(least.map_or(voxel, |v: Coord| v.min(voxel)));
+            }
+            edges
+        });
+        sheet.edges = edges.collect();
+        if progress.cancelled() {
+            return Err(Cancelled.into());
+        }
+        if let Some(voxel) = tear.into_inner().unwrap_or_else(PoisonError::into_inner) {
+            return Err(MesherError::Torn { voxel });
+        }
         for (rank, &n) in sheet.order.iter().enumerate() {
             if rank == inner {
                 sheet.owned[1] = sheet.vertices;
@@ -175,20 +197,22 @@ impl<'a> Sheet<'a> {
         }
     }
 
-    fn edges_of(&self, n: usize) -> Result<Edges, MesherError> {
+    /// The edges of a leaf that carry a vertex; and a cell that changes sign and has voxels without a
+    /// leaf, if there is one.
+    fn edges_of(&self, n: usize) -> (Edges, Option<Coord>) {
         let origin = self.leaves[n].origin;
         // Along which axes the leaf lies just above the region.
         let beyond = [0, 1, 2].map(|a| i64::from(origin[a]) - i64::from(self.region.max[a]));
         let below = (0..3).any(|a| origin[a] < self.region.min[a]);
         let mut edges = Edges::default();
         if below || beyond.iter().any(|&b| b > 1) {
-            return Ok(edges);
+            return (edges, None);
         }
         let corners = self.corners(n);
         let is_owned = beyond.iter().all(|&b| b < 1);
         if is_owned && let Some((x, bit)) = self.tear(n, &corners) {
             let voxel = origin.offset(x as i32, (bit >> 3) as i32, (bit & 7) as i32);
-            return Err(MesherError::Torn { voxel });
+            return (edges, Some(voxel));
         }
         let mut count = 0;
         for word in 0..24 {
@@ -205,7 +229,7 @@ impl<'a> Sheet<'a> {
             edges.before[word] = count;
             count += mask.count_ones() as u16;
         }
-        Ok(edges)
+        (edges, None)
     }
 
     /// A cell of the leaf, or just below it, that changes sign and has voxels without a leaf: slice and
@@ -225,7 +249,7 @@ impl<'a> Sheet<'a> {
                         open |= row & column;
                     }
                 }
-                let mixed = mixed(&[corners[x], corners[x + 1]].concat());
+                let mixed = mixed(corners[x..x + 2].as_flattened());
                 if let Some(tear) = found(x, mixed & open) {
                     return Some(tear);
                 }

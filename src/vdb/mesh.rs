@@ -193,7 +193,10 @@ fn values<'a>(leaves: &'a super::Leaves<'_>) -> Vec<LeafValues<'a>> {
         origin: leaf.origin,
         values: leaf.values,
     };
-    leaves.iter().map(value).collect()
+    let numbers = (0..leaves.len()).into_par_iter().with_min_len(1 << 10);
+    numbers
+        .flat_map_iter(|n| leaves.get(n).map(value))
+        .collect()
 }
 
 /// A quadrilateral of OpenVDB's, turned: its order is the reverse, and its triangles repeat their last
