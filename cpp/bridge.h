@@ -168,7 +168,7 @@ std::unique_ptr<Grid> grid_isosurface(const Grid&, double value, float half_widt
 void grid_csg(Grid&, std::unique_ptr<Grid> operand, Csg kind, const Host&);
 
 // mesh.cc: to and from meshes
-std::unique_ptr<Surface> grid_to_mesh(const Grid&, double adaptivity, const Host&);
+std::unique_ptr<Surface> grid_to_mesh(const Grid&, double adaptivity, double far, const Host&);
 std::unique_ptr<Grid> grid_from_mesh(rust::Slice<const float> points, rust::Slice<const std::uint32_t> triangles,
                                      double voxel_size, float half_width, const Host&);
 

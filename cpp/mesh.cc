@@ -33,13 +33,13 @@ rust::Slice<const std::uint32_t> Surface::quads() const {
 namespace {
 
 // A copy without values so small that vertices of several cells would fall onto one voxel in 32 bits:
-// where a wall lies in a plane of voxels, those would make edges of more than two faces. Signs stay.
-FloatGrid::Ptr without_zeros(const FloatGrid& grid) {
+// where a wall lies in a plane of voxels, those would make edges of more than two faces. Signs stay. The
+// grid may be a part of a whole with coordinates up to `far`, which is treated alike in all parts.
+FloatGrid::Ptr without_zeros(const FloatGrid& grid, double far) {
   const FloatGrid::Ptr copy = grid.deepCopy();
   const double h = grid.voxelSize()[0];
   const CoordBBox box = grid.evalActiveVoxelBoundingBox();
   const Vec3d low = grid.indexToWorld(box.min()), high = grid.indexToWorld(box.max());
-  double far = 0.0;
   for (int a = 0; a < 3 && !box.empty(); ++a) far = std::max({far, std::abs(low[a]), std::abs(high[a])});
   const double rounding = 8.0 * far / h * std::ldexp(1.0, -23);
   const auto least = static_cast<float>(h * std::clamp(rounding, 1e-4, 1e-2));
@@ -54,14 +54,14 @@ FloatGrid::Ptr without_zeros(const FloatGrid& grid) {
 
 }  // namespace
 
-std::unique_ptr<Surface> grid_to_mesh(const Grid& handle, double adaptivity, const Host& host) {
+std::unique_ptr<Surface> grid_to_mesh(const Grid& handle, double adaptivity, double far, const Host& host) {
   auto surface = std::make_unique<Surface::Impl>();
   // volumeToMesh takes no interrupter: ask before and after.
   Interrupter interrupter(host);
   if (interrupter.wasInterrupted()) throw std::runtime_error("interrupted");
   in_arena(host, [&] {
     std::vector<Vec3I> triangles;
-    const FloatGrid::Ptr grid = without_zeros(floats(handle));
+    const FloatGrid::Ptr grid = without_zeros(floats(handle), far);
     tools::volumeToMesh(*grid, surface->points, triangles, surface->quads, 0.0, adaptivity, true);
     surface->quads.reserve(surface->quads.size() + triangles.size());
     for (const Vec3I& t : triangles) surface->quads.emplace_back(t[0], t[1], t[2], t[2]);

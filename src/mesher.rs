@@ -51,9 +51,11 @@ mod cases;
 mod cells;
 mod patch;
 mod place;
+mod quads;
 mod sheet;
 
-pub use patch::{Edge, Patch, Welder};
+pub use patch::{Patch, Welder};
+pub use quads::Share;
 
 /// A leaf of a band: least voxel, and values with z fastest.
 #[derive(Clone, Copy, Debug)]
@@ -145,7 +147,7 @@ impl<'a> Mesher<'a> {
         progress: &dyn Progress,
     ) -> Result<TriMesh, MesherError> {
         let patch = self.patch(leaves, Region::EVERYWHERE, progress)?;
-        Ok(TriMesh::known(patch.vertices, patch.triangles))
+        Ok(TriMesh::known(patch.vertices, patch.faces))
     }
 
     /// The part of a mesh whose cells have their least voxel in a region of whole leaves; the leaves of

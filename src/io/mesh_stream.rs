@@ -1,28 +1,28 @@
-//! Mesh files whose vertices and triangles come part by part, of which none stays in memory.
+//! Mesh files whose vertices and faces come part by part, of which none stays in memory.
 //!
 //! STL needs no more than the triangles at hand. The other formats have all vertices first: both are
 //! spooled beside the file, in files without a name that vanish with the process, and put together at
 //! the end.
 
 use super::atomic::AtomicFile;
-use super::mesh_view::{Rows, VisitVertex};
+use super::mesh_view::{Faces, Rows, VisitVertex};
 use super::{MeshFormat, StlStream, WriteError, obj, ply, threemf};
 use crate::frame::{LengthUnit, Vec3};
 use std::fs::File;
 use std::io::{self, BufReader, BufWriter, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
-/// Some triangles of a mesh, with what is new among its vertices.
+/// Some faces of a mesh, with what is new among its vertices.
 #[derive(Clone, Copy, Debug)]
 pub struct MeshPart<'a> {
     /// Vertices of the part, those that no part before had first.
     pub vertices: &'a [Vec3],
     /// How many of them are new: the next of the whole.
     pub owned: usize,
-    /// Triangles over the vertices of the part, counter-clockwise seen from outside.
-    pub triangles: &'a [[u32; 3]],
+    /// Faces over the vertices of the part, counter-clockwise seen from outside.
+    pub faces: Faces<'a>,
     /// The same in numbers of the whole.
-    pub numbered: &'a [[u32; 3]],
+    pub numbered: Faces<'a>,
     /// The numbers of the new vertices, vertex by vertex, as many each as the file has names for.
     pub numbers: &'a [f32],
     /// Factor on every coordinate.
@@ -43,18 +43,26 @@ enum Kind {
 
 struct Spool {
     vertices: BufWriter<File>,
-    triangles: BufWriter<File>,
+    faces: BufWriter<File>,
+    /// Corners that each face is kept with.
+    corners: usize,
     counts: [u64; 2],
     names: Vec<String>,
 }
 
 impl MeshStream {
-    /// Begins a file, of the format that its extension says, with a name for each number at a vertex.
+    /// Begins a file, of the format that its extension says, for faces of at most 3 or 4 corners, with a
+    /// name for each number at a vertex.
     ///
     /// # Errors
-    /// [`WriteError`] when the extension is none of a mesh, or of one without numbers, or the directory
-    /// cannot be written to.
-    pub fn create(path: &Path, unit: LengthUnit, names: Vec<String>) -> Result<Self, WriteError> {
+    /// [`WriteError`] when the extension is none of a mesh, or of one without numbers or quadrilaterals, or
+    /// the directory cannot be written to.
+    pub fn create(
+        path: &Path,
+        unit: LengthUnit,
+        corners: usize,
+        names: Vec<String>,
+    ) -> Result<Self, WriteError> {
         let wrong = |reason: &str| WriteError::Format {
             path: path.to_owned(),
             reason: reason.to_owned(),
@@ -67,10 +75,13 @@ impl MeshStream {
         if !names.is_empty() && format != MeshFormat::Ply {
             return Err(wrong("numbers at the vertices; expected .ply for them"));
         }
+        if corners > 3 && !matches!(format, MeshFormat::Ply | MeshFormat::Obj) {
+            return Err(wrong("quadrilaterals; expected .ply or .obj for them"));
+        }
         let kind = if format == MeshFormat::Stl {
             Kind::Stl(StlStream::create(path, unit)?)
         } else {
-            Kind::Spooled(format, Spool::beside(path, names)?)
+            Kind::Spooled(format, Spool::beside(path, corners, names)?)
         };
         Ok(Self {
             path: path.to_owned(),
@@ -82,12 +93,23 @@ impl MeshStream {
     /// Adds a part.
     ///
     /// # Errors
-    /// [`WriteError::Io`].
+    /// [`WriteError::Io`], and [`WriteError::Format`] for faces of more corners than the file was begun for.
     pub fn add(&mut self, part: MeshPart) -> Result<(), WriteError> {
+        let most = match &self.kind {
+            Kind::Stl(_) => 3,
+            Kind::Spooled(_, spool) => spool.corners,
+        };
+        if most < 4 && matches!(part.faces, Faces::Quads(_)) {
+            return Err(WriteError::Format {
+                path: self.path.clone(),
+                reason: "quadrilaterals; the file was begun for triangles".into(),
+            });
+        }
         match &mut self.kind {
-            Kind::Stl(file) => part.triangles.iter().try_for_each(|t| {
-                let corner = |v: u32| part.vertices[v as usize] * part.factor;
-                file.add(t.map(corner))
+            Kind::Stl(file) => (0..part.faces.len()).try_for_each(|face| {
+                let corners = part.faces.corners(face);
+                let corner = |n: usize| part.vertices[corners[n] as usize] * part.factor;
+                file.add([0, 1, 2].map(corner))
             }),
             Kind::Spooled(_, spool) => spool
                 .add(part)
@@ -131,7 +153,7 @@ fn spooled(path: &Path, written: u64, error: io::Error) -> WriteError {
 }
 
 impl Spool {
-    fn beside(path: &Path, names: Vec<String>) -> Result<Self, WriteError> {
+    fn beside(path: &Path, corners: usize, names: Vec<String>) -> Result<Self, WriteError> {
         let parent = path.parent().filter(|p| !p.as_os_str().is_empty());
         let directory = parent.unwrap_or(Path::new("."));
         let file = || {
@@ -143,14 +165,16 @@ impl Spool {
         };
         Ok(Self {
             vertices: file()?,
-            triangles: file()?,
+            faces: file()?,
+            corners,
             counts: [0; 2],
             names,
         })
     }
 
     fn bytes(&self) -> u64 {
-        (24 + 4 * self.names.len() as u64) * self.counts[0] + 12 * self.counts[1]
+        (24 + 4 * self.names.len() as u64) * self.counts[0]
+            + 4 * self.corners as u64 * self.counts[1]
     }
 
     fn add(&mut self, part: MeshPart) -> io::Result<()> {
@@ -163,8 +187,13 @@ impl Spool {
                 self.vertices.write_all(&number.to_le_bytes())?;
             }
         }
-        for corner in part.numbered.as_flattened() {
-            self.triangles.write_all(&corner.to_le_bytes())?;
+        for face in 0..part.numbered.len() {
+            // The last one again where there are fewer.
+            let corners = part.numbered.corners(face);
+            for n in 0..self.corners {
+                let corner = corners[n.min(corners.len() - 1)];
+                self.faces.write_all(&corner.to_le_bytes())?;
+            }
         }
         self.counts[0] += part.owned as u64;
         self.counts[1] += part.numbered.len() as u64;
@@ -179,7 +208,8 @@ impl Spool {
         };
         Ok(SpooledRows {
             vertices: again(self.vertices)?,
-            triangles: again(self.triangles)?,
+            faces: again(self.faces)?,
+            corners: self.corners,
             counts: self.counts,
             names: self.names,
         })
@@ -189,7 +219,8 @@ impl Spool {
 /// Spools read once.
 struct SpooledRows {
     vertices: BufReader<File>,
-    triangles: BufReader<File>,
+    faces: BufReader<File>,
+    corners: usize,
     counts: [u64; 2],
     names: Vec<String>,
 }
@@ -221,9 +252,14 @@ impl Rows for SpooledRows {
         Ok(())
     }
     fn each_face(&mut self, visit: &mut dyn FnMut(&[u32]) -> io::Result<()>) -> io::Result<()> {
+        let from = &mut self.faces;
         for _ in 0..self.counts[1] {
-            let corners: [u32; 3] = pieces(&mut self.triangles)?.map(u32::from_le_bytes);
-            visit(&corners)?;
+            if self.corners == 3 {
+                visit(&pieces::<3, 4>(from)?.map(u32::from_le_bytes))?;
+            } else {
+                let quad = pieces::<4, 4>(from)?.map(u32::from_le_bytes);
+                visit(Faces::Quads(&[quad]).corners(0))?;
+            }
         }
         Ok(())
     }

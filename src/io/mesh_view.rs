@@ -51,6 +51,18 @@ pub enum Faces<'a> {
     Quads(&'a [[u32; 4]]),
 }
 
+impl<'a> From<&'a [[u32; 3]]> for Faces<'a> {
+    fn from(faces: &'a [[u32; 3]]) -> Self {
+        Self::Triangles(faces)
+    }
+}
+
+impl<'a> From<&'a [[u32; 4]]> for Faces<'a> {
+    fn from(faces: &'a [[u32; 4]]) -> Self {
+        Self::Quads(faces)
+    }
+}
+
 impl Faces<'_> {
     /// How many there are.
     pub fn len(&self) -> usize {

@@ -54,6 +54,28 @@ const BEYOND: f64 = 0.05;
 /// How far beyond it a corner may lie that no vertex has in its own cell, voxels.
 const BESIDE: f64 = 0.75;
 
+/// What a projection did to a vertex.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Fate {
+    /// It went onto an edge or a corner.
+    pub creased: bool,
+    /// It is not where it should have gone.
+    pub kept: bool,
+    /// Magnitude of the field at it, world units; 0 where it did not move.
+    pub error: f64,
+}
+
+impl Projected {
+    /// Of some vertices together.
+    pub fn of(fates: impl Iterator<Item = Fate>) -> Self {
+        fates.fold(Self::default(), |all, fate| Self {
+            creased: all.creased + usize::from(fate.creased),
+            kept: all.kept + usize::from(fate.kept),
+            error: all.error.max(fate.error),
+        })
+    }
+}
+
 impl QuadMesh {
     /// Moves the vertices onto the zero set of a field, and cuts quads along creases.
     ///
@@ -65,6 +87,20 @@ impl QuadMesh {
         how: Projection,
         progress: &dyn Progress,
     ) -> Result<Projected, Cancelled> {
+        let fates = self.project_each(field, how, progress)?;
+        Ok(Projected::of(fates.into_iter()))
+    }
+
+    /// The same, with what became of each vertex.
+    ///
+    /// # Errors
+    /// As [`QuadMesh::project`].
+    pub fn project_each(
+        &mut self,
+        field: &WorldField,
+        how: Projection,
+        progress: &dyn Progress,
+    ) -> Result<Vec<Fate>, Cancelled> {
         let before = self.triangulated();
         let normals = before.vertex_normals();
         let suspects = suspects(&before, &normals);
@@ -111,24 +147,21 @@ impl QuadMesh {
                 places[n] = before.vertices[n];
             }
         };
-        let moved = |n: usize| places[n] != before.vertices[n];
-        let creased = (0..places.len())
-            .filter(|&n| moved(n) && found[n].creased)
-            .count();
-        let kept = (0..places.len())
-            .filter(|&n| found[n].place != Some(places[n]))
-            .count();
-        let error = (0..places.len())
-            .into_par_iter()
-            .filter(|&n| moved(n))
-            .map(|n| surface.value(places[n]).abs())
-            .reduce(|| 0.0, f64::max);
+        let fate = |(n, place): (usize, &Vec3)| {
+            let moved = *place != before.vertices[n];
+            Fate {
+                creased: moved && found[n].creased,
+                kept: found[n].place != Some(*place),
+                error: if moved {
+                    surface.value(*place).abs()
+                } else {
+                    0.0
+                },
+            }
+        };
+        let fates = places.par_iter().enumerate().map(fate).collect();
         self.place(places, &turned);
-        Ok(Projected {
-            creased,
-            kept,
-            error,
-        })
+        Ok(fates)
     }
 
     /// Which quads are cut along their second diagonal: the one that is nearer to the surface at creases,

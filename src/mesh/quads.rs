@@ -70,7 +70,8 @@ impl QuadMesh {
     }
 }
 
-fn cut(quads: &[[u32; 4]]) -> Vec<[u32; 3]> {
+/// Quads in triangles, between their first and their third corner.
+pub(crate) fn cut(quads: &[[u32; 4]]) -> Vec<[u32; 3]> {
     let mut triangles = Vec::with_capacity(2 * quads.len());
     for &[a, b, c, d] in quads {
         triangles.push([a, b, c]);

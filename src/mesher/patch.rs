@@ -7,33 +7,35 @@ use crate::frame::{Coord, Vec3};
 use crate::mesh::MeshError;
 use std::collections::BTreeMap;
 
-/// An edge of the voxel lattice: where it begins, and its axis.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub struct Edge {
-    /// The voxel.
+/// What a vertex on a seam is known by in every patch that has it: a voxel, and what tells it from others
+/// there.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) struct Knot {
+    /// Where its edge or its cell begins.
     pub voxel: Coord,
-    /// 0, 1, 2 for x, y, z.
-    pub axis: u8,
+    /// The axis of its edge, or its place in single precision.
+    pub mark: [u32; 3],
 }
 
-/// The triangles of a region of cells and their vertices, world units.
+/// The faces of a region of cells, of `N` corners each, and their vertices, world units. Of four corners a
+/// face may repeat the last.
 ///
 /// Vertices on the lower sides of the region are its own; those on its upper sides belong to the regions
 /// above and stand here again, equal to the last bit.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Patch {
+pub struct Patch<const N: usize = 3> {
     /// The region's own vertices, then those of others.
     pub vertices: Vec<Vec3>,
     /// How many vertices are its own.
     pub owned: usize,
     /// Counter-clockwise seen from outside.
-    pub triangles: Vec<[u32; 3]>,
-    /// Its own vertices on its lower sides: which others may name.
-    lower: Vec<(Edge, u32)>,
-    /// The edges of the vertices of others, in order.
-    upper: Vec<Edge>,
-    /// Its greatest x.
-    reach: i32,
+    pub faces: Vec<[u32; N]>,
+    /// Its own vertices near its lower sides: which others may name.
+    pub(super) lower: Vec<(Knot, u32)>,
+    /// What the vertices of others are known by, in order.
+    pub(super) upper: Vec<Knot>,
+    /// The greatest x of a vertex that patches to come may name.
+    pub(super) reach: i32,
 }
 
 impl Patch {
@@ -45,33 +47,31 @@ impl Patch {
             for &n in own {
                 let origin = sheet.leaves[n as usize].origin;
                 if (0..3).any(|a| origin[a] == region.min[a]) {
-                    each_edge(sheet, n as usize, |edge, number| {
-                        if (0..3).any(|a| edge.voxel[a] == region.min[a]) {
-                            lower.push((edge, number));
+                    each_edge(sheet, n as usize, |knot, number| {
+                        if (0..3).any(|a| knot.voxel[a] == region.min[a]) {
+                            lower.push((knot, number));
                         }
                     });
                 }
             }
         }
         for &n in others {
-            each_edge(sheet, n as usize, |edge, _| upper.push(edge));
+            each_edge(sheet, n as usize, |knot, _| upper.push(knot));
         }
         Self {
             vertices,
             owned: sheet.owned[1],
-            triangles,
+            faces: triangles,
             lower,
             upper,
-            reach: region.max[0],
+            reach: region.max[0].saturating_add(1),
         }
     }
-}
 
-impl Patch {
     /// The same with other triangles over its vertices, without those that none has. Other patches must not
-    /// name these; a [`Welder`] finds out. `reach` is the greatest x of the patches that come with it.
+    /// name these; a [`Welder`] finds out. `last` is the greatest x of the patches that come with it.
     #[must_use]
-    pub fn with_triangles(&self, triangles: &[[u32; 3]], reach: i32) -> Self {
+    pub fn with_triangles(&self, triangles: &[[u32; 3]], last: i32) -> Self {
         let mut number = vec![None; self.vertices.len()];
         for &v in triangles.as_flattened() {
             number[v as usize] = Some(0);
@@ -87,21 +87,21 @@ impl Patch {
         Self {
             vertices,
             owned,
-            triangles: triangles
+            faces: triangles
                 .iter()
                 .map(|t| t.map(|v| number[v as usize].unwrap_or(0)))
                 .collect(),
             lower: lower
-                .filter_map(|&(edge, n)| Some((edge, number[n as usize]?)))
+                .filter_map(|&(knot, n)| Some((knot, number[n as usize]?)))
                 .collect(),
-            upper: upper.filter_map(|(edge, n)| n.map(|_| *edge)).collect(),
-            reach,
+            upper: upper.filter_map(|(knot, n)| n.map(|_| *knot)).collect(),
+            reach: last.saturating_add(1),
         }
     }
 }
 
 /// The edges of a leaf that carry a vertex, in order, with its number.
-fn each_edge(sheet: &Sheet, n: usize, mut visit: impl FnMut(Edge, u32)) {
+fn each_edge(sheet: &Sheet, n: usize, mut visit: impl FnMut(Knot, u32)) {
     let (edges, origin) = (&sheet.edges[n], sheet.leaves[n].origin);
     let mut number = edges.first;
     for (word, &mask) in edges.masks.iter().enumerate() {
@@ -109,11 +109,11 @@ fn each_edge(sheet: &Sheet, n: usize, mut visit: impl FnMut(Edge, u32)) {
         while bits != 0 {
             let bit = bits.trailing_zeros() as i32;
             bits &= bits - 1;
-            let edge = Edge {
+            let knot = Knot {
                 voxel: origin.offset((word & 7) as i32, bit >> 3, bit & 7),
-                axis: (word >> 3) as u8,
+                mark: [(word >> 3) as u32, 0, 0],
             };
-            visit(edge, number);
+            visit(knot, number);
             number += 1;
         }
     }
@@ -124,29 +124,29 @@ fn each_edge(sheet: &Sheet, n: usize, mut visit: impl FnMut(Edge, u32)) {
 /// come may name them.
 #[derive(Default)]
 pub struct Welder {
-    seams: BTreeMap<Edge, u32>,
+    seams: BTreeMap<Knot, u32>,
     vertices: u64,
-    triangles: u64,
+    faces: u64,
 }
 
 impl Welder {
-    /// The patch's triangles in numbers of the whole, in which its own vertices follow all before.
+    /// The patch's faces in numbers of the whole, in which its own vertices follow all before.
     ///
     /// # Errors
     /// [`MesherError::Mesh`] for more vertices than 32 bits number, [`MesherError::Torn`] where the patch
     /// names a vertex that no patch before it had.
-    pub fn weld(&mut self, patch: &Patch) -> Result<Vec<[u32; 3]>, MesherError> {
+    pub fn weld<const N: usize>(&mut self, patch: &Patch<N>) -> Result<Vec<[u32; N]>, MesherError> {
         let first = self.vertices;
         self.vertices += patch.owned as u64;
-        self.triangles += patch.triangles.len() as u64;
+        self.faces += patch.faces.len() as u64;
         let first = u32::try_from(first)
             .ok()
             .filter(|_| u32::try_from(self.vertices).is_ok())
             .ok_or(MeshError::TooMany(self.vertices as usize))?;
-        let names = |edge: &Edge| {
-            let voxel = edge.voxel;
+        let names = |knot: &Knot| {
+            let voxel = knot.voxel;
             self.seams
-                .get(edge)
+                .get(knot)
                 .copied()
                 .ok_or(MesherError::Torn { voxel })
         };
@@ -155,20 +155,20 @@ impl Welder {
             Some(n) => others[n],
             None => first + v,
         };
-        let triangles = patch.triangles.iter().map(|t| t.map(of_whole)).collect();
+        let faces = patch.faces.iter().map(|f| f.map(of_whole)).collect();
         // No patch to come reaches beyond this one along x.
-        let beyond = Edge {
-            voxel: Coord([patch.reach.saturating_add(2), i32::MIN, i32::MIN]),
-            axis: 0,
+        let beyond = Knot {
+            voxel: Coord([patch.reach.saturating_add(1), i32::MIN, i32::MIN]),
+            mark: [0; 3],
         };
         drop(self.seams.split_off(&beyond));
-        let own = patch.lower.iter().map(|&(edge, n)| (edge, first + n));
+        let own = patch.lower.iter().map(|&(knot, n)| (knot, first + n));
         self.seams.extend(own);
-        Ok(triangles)
+        Ok(faces)
     }
 
-    /// Vertices and triangles so far.
+    /// Vertices and faces so far.
     pub fn counts(&self) -> [u64; 2] {
-        [self.vertices, self.triangles]
+        [self.vertices, self.faces]
     }
 }

@@ -71,9 +71,9 @@ pub(super) fn decimated(mesh: &TriMesh, wish: Wish) -> Result<TriMesh, RunError>
 }
 
 /// The same of a part of a mesh, with all that it shares with others, so that they still fit together.
-/// `reach` is the greatest x of the parts that come with it.
-pub(super) fn decimated_patch(patch: &Patch, wish: Wish, reach: i32) -> Result<Patch, RunError> {
+/// `last` is the greatest x of the parts that come with it.
+pub(super) fn decimated_patch(patch: &Patch, wish: Wish, last: i32) -> Result<Patch, RunError> {
     let options = SimplifyOptions::LockBorder;
-    let few = wish.simplified(&patch.vertices, &patch.triangles, options)?;
-    Ok(patch.with_triangles(&few, reach))
+    let few = wish.simplified(&patch.vertices, &patch.faces, options)?;
+    Ok(patch.with_triangles(&few, last))
 }

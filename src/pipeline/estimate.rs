@@ -20,7 +20,7 @@ use serde::Serialize;
 
 mod costs;
 
-pub(super) use costs::{PER_FEWER, numbers_at_vertices};
+pub(super) use costs::{PER_FEWER, PER_MOVED, numbers_at_vertices};
 use costs::{
     WIDENING, cost, grids_in_memory, grids_on_disk, pixels, point_in_memory, point_in_spool,
     point_on_disk,

@@ -48,7 +48,7 @@ pub(super) fn write(
         write_beams(path, &lattice, bench.scale.unit.to(unit), unit)?;
         return Ok(Some(facts));
     }
-    let adaptivity = output.adaptivity.map_or(0.0, |a| a.0);
+    let adaptivity = output.merging();
     let of_quads = output.is_meshed_by_openvdb();
     let exact = (output.project || output.sharp)
         .then(|| shape(done.stock, bench.scale))

@@ -180,10 +180,19 @@ impl Output {
         .collect()
     }
 
+    /// How far OpenVDB merges the faces of its mesh, 0 to 1.
+    pub fn merging(&self) -> f64 {
+        self.adaptivity.map_or(0.0, |a| a.0)
+    }
+
     /// Whether its mesh is one that OpenVDB makes.
     pub fn is_meshed_by_openvdb(&self) -> bool {
-        let merged = self.adaptivity.is_some_and(|a| a.0 > 0.0);
-        merged || self.quads || self.sharp || self.mesher == Some(MesherWord::OpenVdb)
+        self.merging() > 0.0 || self.quads || self.sharp || self.mesher == Some(MesherWord::OpenVdb)
+    }
+
+    /// Whether the vertices of a mesh of OpenVDB's are moved onto the exact field.
+    pub fn moves_open_vdb(&self) -> bool {
+        self.is_meshed_by_openvdb() && (self.project || self.sharp)
     }
 
     /// The unit of the file, given the recipe's.

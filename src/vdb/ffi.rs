@@ -303,10 +303,12 @@ mod bridge {
             host: &Host<'_>,
         ) -> Result<()>;
 
-        /// World units; wound clockwise seen from outside.
+        /// World units; wound clockwise seen from outside. `far` is the greatest coordinate of the whole
+        /// that the grid is a part of, 0 if it is one itself.
         fn grid_to_mesh(
             grid: &Grid,
             adaptivity: f64,
+            far: f64,
             host: &Host<'_>,
         ) -> Result<UniquePtr<Surface>>;
         fn points(self: &Surface) -> &[f32];

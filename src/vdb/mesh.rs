@@ -6,7 +6,7 @@ use crate::band::{BLOCK, LEAF, Region};
 use crate::field::WorldField;
 use crate::frame::{Coord, Transform, Vec3};
 use crate::mesh::{QuadMesh, TriMesh};
-use crate::mesher::{LeafValues, Mesher, MesherError, Patch};
+use crate::mesher::{LeafValues, Mesher, MesherError, Patch, Share};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
@@ -118,9 +118,26 @@ impl LevelSet {
         })
     }
 
+    /// What of a mesh belongs to a region of whole leaves, where this is a part of a larger level set with
+    /// the leaves up to [`LevelSet::quad_halo`] voxels around, and the mesh that of
+    /// [`LevelSet::part_to_quads`]. Regions that share no voxel share no quad, and together they have all;
+    /// `last` is the greatest x of those whose patches come with this one.
+    pub fn share(&self, mesh: &QuadMesh, (region, last): (Region, i32), adaptivity: f64) -> Share {
+        let index = |v: Vec3| (v - self.origin) / self.transform.voxel_size();
+        // Of quads that are not merged the corners are in neighbouring cells.
+        let layer = if adaptivity > 0.0 { 2 * LEAF } else { 1 };
+        Share::new(mesh, (region, last, layer), index)
+    }
+
+    /// Voxels around a region on which its quads depend, a multiple of 8: those that are merged are so leaf
+    /// by leaf, and turned by what is in the next.
+    pub fn quad_halo(adaptivity: f64) -> i32 {
+        if adaptivity > 0.0 { 3 * LEAF } else { LEAF }
+    }
+
     /// The zero set as quadrilaterals, counter-clockwise seen from outside, in world units: one for each
     /// edge of the voxel grid that changes sign. Closed and manifold, also where walls lie in planes of
-    /// voxels: values of magnitude under 1e-4 voxel (more beyond 2,000 voxels, where `f32` is coarser)
+    /// voxels: values of magnitude under 1e-4 voxel (more beyond 100 voxels, where `f32` is coarser)
     /// are taken for that much, so that the vertices of different cells never fall onto one voxel.
     ///
     /// `adaptivity` above 0 merges flat regions, 1 all it can; most such meshes intersect themselves
@@ -131,6 +148,19 @@ impl LevelSet {
     /// [`VdbError::Parameter`] for an adaptivity outside 0 to 1, [`VdbError::Cancelled`], or what OpenVDB
     /// refuses (memory).
     pub fn to_quads(&self, adaptivity: f64, session: Session<'_>) -> Result<QuadMesh, VdbError> {
+        self.part_to_quads(adaptivity, 0.0, session)
+    }
+
+    /// The same of a part of a whole whose active voxels have coordinates up to `far`, world units.
+    ///
+    /// # Errors
+    /// As [`LevelSet::to_quads`].
+    pub fn part_to_quads(
+        &self,
+        adaptivity: f64,
+        far: f64,
+        session: Session<'_>,
+    ) -> Result<QuadMesh, VdbError> {
         if !(0.0..=1.0).contains(&adaptivity) {
             return Err(VdbError::Parameter {
                 name: "adaptivity",
@@ -138,7 +168,7 @@ impl LevelSet {
                 expected: "0 to 1",
             });
         }
-        let surface = ffi::grid_to_mesh(&self.grid, adaptivity, &session.host())
+        let surface = ffi::grid_to_mesh(&self.grid, adaptivity, far, &session.host())
             .map_err(|e| VdbError::of("meshing", session, &e))?;
         let vertices: Vec<Vec3> = surface
             .points()

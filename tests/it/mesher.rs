@@ -186,7 +186,7 @@ fn patches_are_the_mesh_in_parts_and_weld_to_it() {
             welder.counts(),
             [vertices.len() as u64, triangles.len() as u64]
         );
-        let parts = patches.iter().map(|p| (&p.vertices[..], &p.triangles[..]));
+        let parts = patches.iter().map(|p| (&p.vertices[..], &p.faces[..]));
         let want = geometry([(whole.vertices(), whole.triangles())]);
         assert!(geometry(parts) == want, "{edges:?}");
         assert!(

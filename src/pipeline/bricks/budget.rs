@@ -1,15 +1,19 @@
 //! What bricks cost: memory, and room on the disk.
 
 use super::super::error::RunError;
-use super::super::estimate::{self, Counts, LEAF_BYTES, PER_FEWER, copies, numbers_at_vertices};
+use super::super::estimate::{
+    self, Counts, LEAF_BYTES, PER_FEWER, PER_MOVED, copies, numbers_at_vertices,
+};
 use super::super::memory;
 use super::super::stock::Stock;
 use super::super::voxels::Voxels;
+use super::meshes::UNTANGLED;
 use super::reach::{coarser_copies, passes, removal_halo, resamplings, wants_segments, widest};
 use super::volumes::attribute_words;
-use crate::band::BLOCK;
+use crate::band::{BLOCK, LEAF};
 use crate::progress::Threads;
-use crate::recipe::GridWord;
+use crate::recipe::{GridWord, Output};
+use crate::vdb::LevelSet;
 use std::path::Path;
 
 /// Largest edge of a brick that is chosen, blocks.
@@ -21,6 +25,8 @@ const ASIDE: f64 = (32u64 << 20) as f64;
 const PER_THREAD: f64 = (14u64 << 20) as f64;
 /// Memory of a point while a brick is meshed; 73 to 79 bytes were found.
 const PER_POINT: f64 = 90.0;
+/// Trees that OpenVDB's mesher has beside the one it meshes: a copy, signs and places of cells.
+const QUAD_TREES: f64 = 2.5;
 /// Memory that a block on disk keeps.
 const PER_BLOCK: f64 = 1300.0;
 /// Memory of a block's place in the file of one word.
@@ -70,7 +76,17 @@ pub(crate) fn needs(stock: &Stock, threads: &Threads, counts: &Counts, edge: u32
     } else {
         0.0
     };
-    let meshed = leaves(8.0) * (LEAF_BYTES + (PER_POINT + fewer + numbers) * points);
+    let (around, trees) = of_open_vdb(stock);
+    let leaf = LEAF_BYTES * (1.0 + trees) + (PER_POINT + fewer + numbers) * points;
+    let meshed = leaves(f64::from(around)) * leaf;
+    let mut outputs = stock.recipe.sections().output.iter();
+    let moved = if outputs.any(Output::moves_open_vdb) {
+        let around = f64::from(LevelSet::quad_halo(0.0) + UNTANGLED);
+        let leaf = LEAF_BYTES * (1.0 + QUAD_TREES) + PER_MOVED * points;
+        leaves(8.0) * LEAF_BYTES + in_cube(1.0 + 2.0 * around / 128.0) * leaf
+    } else {
+        0.0
+    };
     let divided = if wants_segments(stock.recipe) {
         // Parts of others, and a place for each leaf.
         let halo = f64::from(removal_halo(Voxels::first(stock).half_width));
@@ -101,9 +117,18 @@ pub(crate) fn needs(stock: &Stock, threads: &Threads, counts: &Counts, edge: u32
         .max(resampled)
         .max(divided)
         .max(meshed)
+        .max(moved)
         .max(seen)
         .max(written + placed);
     (base + chosen + greatest) as u64
+}
+
+/// Voxels around a brick that meshing looks at, and what OpenVDB's mesher has beside a tree, in trees.
+fn of_open_vdb(stock: &Stock) -> (i32, f64) {
+    let outputs = stock.recipe.sections().output.iter();
+    let theirs = outputs.filter(|o| o.is_meshed_by_openvdb());
+    let halos = theirs.map(|o| LevelSet::quad_halo(o.merging()));
+    halos.fold((LEAF, 0.0), |(most, _), halo| (most.max(halo), QUAD_TREES))
 }
 
 /// Numbers at each vertex of the mesh that has most.

@@ -13,7 +13,7 @@ use crate::recipe::Output;
 use crate::vdb::render_parts;
 use std::path::Path;
 
-/// Voxels around a brick that are meshed with it.
+/// Voxels around a brick that are seen with it.
 const LAYER: i32 = 8;
 
 /// What the surface encloses.
@@ -46,15 +46,16 @@ pub(super) fn measure(
     let corners = store.bounds().into_iter().flatten();
     let far = corners.flat_map(|c| c.0).map(i32::unsigned_abs).max();
     let far = f64::from(far.unwrap_or(0)) * bench.scale.voxel_size;
+    let halo = files.halo();
     // Patches weld from the upper ones down.
     for brick in (0..count).rev() {
         let region = bricks.region(brick);
-        let solid = part(bench, store, region.grown(LAYER), Coord([0; 3]))?;
-        found.frame = found.frame.union(solid.bounds().map_err(&failed)?);
+        let own = part(bench, store, region.grown(halo), Coord([0; 3]))?;
+        found.frame = found.frame.union(own.bounds().map_err(&failed)?);
         let session = bench.session();
-        let patch = solid.patch(region, far, None, session).map_err(&failed)?;
+        let patch = own.patch(region, far, None, session).map_err(&failed)?;
         files.add(bench, &patch, false)?;
-        let mesh = TriMesh::new(patch.vertices, patch.triangles).map_err(|e| failed(e.into()))?;
+        let mesh = TriMesh::new(patch.vertices, patch.faces).map_err(|e| failed(e.into()))?;
         // About the one origin: a part by itself is not closed.
         let signed = |[a, b, c]: [Vec3; 3]| a.dot(&b.cross(&c)) / 6.0;
         found.volume += mesh.iter_corners().map(signed).sum::<f64>();
@@ -62,10 +63,10 @@ pub(super) fn measure(
         found.bounds = found.bounds.union(mesh.bounds());
         drop(mesh);
         if let Some(field) = files.exact() {
-            let patch = solid.patch(region, far, Some(field), session);
+            let patch = own.patch(region, far, Some(field), session);
             files.add(bench, &patch.map_err(&failed)?, true)?;
         }
-        files.add_fewer(bench, &solid, (region, far))?;
+        files.add_others(bench, (solid, &own), (region, far))?;
         yard.progress.advance(1);
     }
     Ok(found)

@@ -10,17 +10,21 @@ use super::super::operate::Bench;
 use super::super::report::MeshFacts;
 use super::super::shape::{Shape, shape};
 use super::Yard;
-use super::solid::Bricks;
-use crate::band::Region;
+use super::later::part;
+use super::solid::{Bricks, StoredSolid};
+use crate::band::{BLOCK, LEAF, Region};
 use crate::field::WorldField;
-use crate::frame::LengthUnit;
-use crate::io::{BeamLattice, MeshPart, MeshStream, write_beams};
-use crate::mesh::TriMesh;
+use crate::frame::{Coord, LengthUnit};
+use crate::io::{BeamLattice, Faces, MeshPart, MeshStream, write_beams};
+use crate::mesh::{Projected, Projection, TriMesh};
 use crate::mesher::{Patch, Welder};
-use crate::recipe::OutputKind;
+use crate::recipe::{Output, OutputKind, Scale};
 use crate::vdb::{LevelSet, VdbError};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
+
+/// Voxels around a block in which it is looked for vertices that keep others from moving.
+pub(super) const UNTANGLED: i32 = 24;
 
 /// A mesh that is written while patches pass.
 struct MeshOut<'a> {
@@ -30,10 +34,25 @@ struct MeshOut<'a> {
     factor: f64,
     /// Whether its vertices are where the exact field vanishes.
     is_exact: bool,
-    /// With fewer triangles it numbers its vertices for itself.
-    fewer: Option<(Wish, Welder)>,
+    way: Way,
     attributes: Attributes<'a>,
     facts: MeshFacts,
+}
+
+/// What faces a mesh takes; those that no other may share it numbers for itself.
+enum Way {
+    /// All triangles.
+    All,
+    /// Fewer of them.
+    Fewer(Wish, Welder),
+    /// OpenVDB's quads, as they are or cut.
+    OpenVdb {
+        adaptivity: f64,
+        /// Onto the field, and onto its creases.
+        moves: Option<Projection>,
+        is_cut: bool,
+        welder: Welder,
+    },
 }
 
 /// Beams that are written with the meshes.
@@ -54,7 +73,7 @@ pub(super) struct Meshes<'a> {
     welders: [Welder; 2],
 }
 
-fn weld(welder: &mut Welder, patch: &Patch) -> Result<Vec<[u32; 3]>, RunError> {
+fn weld<const N: usize>(welder: &mut Welder, patch: &Patch<N>) -> Result<Vec<[u32; N]>, RunError> {
     let unmade = |e| RunError::level_set("mesh")(VdbError::from(e));
     welder.weld(patch).map_err(unmade)
 }
@@ -67,26 +86,98 @@ fn error(bench: Bench, patch: &Patch, exact: Option<&Shape>) -> f64 {
 }
 
 impl MeshOut<'_> {
-    /// Adds a patch whose triangles are also known in numbers of the whole, and how far its own vertices are
+    /// Adds a patch whose faces are also known in numbers of the whole, and how far its own vertices are
     /// off the exact field.
-    fn add(
+    fn add<const N: usize>(
         &mut self,
         bench: Bench,
-        patch: &Patch,
-        (numbered, error): (&[[u32; 3]], f64),
-    ) -> Result<(), RunError> {
+        patch: &Patch<N>,
+        (numbered, error): (&[[u32; N]], f64),
+    ) -> Result<(), RunError>
+    where
+        for<'f> Faces<'f>: From<&'f [[u32; N]]>,
+    {
         let own = &patch.vertices[..patch.owned];
         self.file.add(MeshPart {
             vertices: &patch.vertices,
             owned: patch.owned,
-            triangles: &patch.triangles,
-            numbered,
+            faces: patch.faces.as_slice().into(),
+            numbered: numbered.into(),
             numbers: &self.attributes.rows(bench, own),
             factor: self.factor,
         })?;
-        self.facts.faces += patch.triangles.len() as u64;
+        self.facts.faces += patch.faces.len() as u64;
         self.facts.error = self.facts.error.map(|e| e.max(error));
         Ok(())
+    }
+}
+
+impl MeshOut<'_> {
+    /// Adds what OpenVDB's mesher makes in a region, moved onto a field if it has one; `last` is the
+    /// greatest x of the regions that come with it.
+    fn add_share(
+        &mut self,
+        bench: Bench,
+        solid: &LevelSet,
+        exact: Option<&Shape>,
+        (region, far, last): (Region, f64, i32),
+    ) -> Result<(), RunError> {
+        let Way::OpenVdb {
+            adaptivity,
+            moves,
+            is_cut,
+            welder,
+        } = &mut self.way
+        else {
+            return Ok(());
+        };
+        let failed = RunError::level_set("mesh");
+        let mesh = solid.part_to_quads(*adaptivity, far, bench.session());
+        let mut mesh = mesh.map_err(&failed)?;
+        let share = solid.share(&mesh, (region, last), *adaptivity);
+        let mut error = 0.0;
+        if let (Some(how), Some(exact)) = (*moves, exact) {
+            let project = || mesh.project_each(&*exact.field, how, bench.progress);
+            let fates = bench.threads.install(project)?;
+            let found = Projected::of(share.owned().iter().map(|&v| fates[v as usize]));
+            error = found.error;
+            let add = |sum: Option<u64>, more: usize| sum.map(|n| n + more as u64);
+            self.facts.creased = add(self.facts.creased, found.creased);
+            self.facts.kept = add(self.facts.kept, found.kept);
+        }
+        let patch = share.patch(&mesh);
+        if *is_cut {
+            let patch = patch.into_triangles();
+            let numbered = weld(welder, &patch)?;
+            self.add(bench, &patch, (&numbered, error))
+        } else {
+            let numbered = weld(welder, &patch)?;
+            self.add(bench, &patch, (&numbered, error))
+        }
+    }
+}
+
+impl Way {
+    fn of(output: &Output, scale: Scale) -> Self {
+        if output.is_meshed_by_openvdb() {
+            return Self::OpenVdb {
+                adaptivity: output.merging(),
+                moves: output.moves_open_vdb().then_some(Projection {
+                    voxel_size: scale.voxel_size,
+                    sharp: output.sharp,
+                }),
+                is_cut: !output.quads,
+                welder: Welder::default(),
+            };
+        }
+        match &output.decimate {
+            Some(wish) => Self::Fewer(Wish::new(wish, scale), Welder::default()),
+            None => Self::All,
+        }
+    }
+
+    fn takes_all(&self) -> bool {
+        matches!(self, Self::All)
     }
 }
 
@@ -111,21 +202,20 @@ impl<'a> Meshes<'a> {
             }
             let words = output.grids.as_deref().unwrap_or_default();
             let attributes = Attributes::new(bench, yard.stock, words, &nothing, factor)?;
-            let moved = output.project.then_some(0);
+            let is_exact = output.project || output.sharp;
+            let moved = is_exact.then_some(0);
+            let corners = if output.quads { 4 } else { 3 };
             outs.push(MeshOut {
                 path: path.clone(),
-                file: MeshStream::create(path, unit, attributes.names())?,
+                file: MeshStream::create(path, unit, corners, attributes.names())?,
                 factor,
-                is_exact: output.project,
-                fewer: output
-                    .decimate
-                    .as_ref()
-                    .map(|wish| (Wish::new(wish, bench.scale), Welder::default())),
+                is_exact,
+                way: Way::of(output, bench.scale),
                 attributes,
                 facts: MeshFacts {
                     creased: moved,
                     kept: moved,
-                    error: output.project.then_some(0.0),
+                    error: is_exact.then_some(0.0),
                     ..MeshFacts::default()
                 },
             });
@@ -142,7 +232,7 @@ impl<'a> Meshes<'a> {
 
     /// The field onto which vertices are moved, if those of all triangles are.
     pub fn exact(&self) -> Option<&WorldField<'a>> {
-        let takes = |out: &MeshOut| out.is_exact && out.fewer.is_none();
+        let takes = |out: &MeshOut| out.is_exact && out.way.takes_all();
         let exact = self.exact.as_ref().filter(|_| self.outs.iter().any(takes));
         exact.map(|shape| &*shape.field)
     }
@@ -150,7 +240,7 @@ impl<'a> Meshes<'a> {
     /// Adds a patch to the files whose vertices are as it has them, of the level set or exact, and that take
     /// all triangles.
     pub fn add(&mut self, bench: Bench, patch: &Patch, is_exact: bool) -> Result<(), RunError> {
-        let takes = |out: &&mut MeshOut| out.is_exact == is_exact && out.fewer.is_none();
+        let takes = |out: &&mut MeshOut| out.is_exact == is_exact && out.way.takes_all();
         let mut outs = self.outs.iter_mut().filter(takes).peekable();
         if outs.peek().is_none() {
             return Ok(());
@@ -161,16 +251,35 @@ impl<'a> Meshes<'a> {
         outs.try_for_each(|out| out.add(bench, patch, (&numbered, error)))
     }
 
-    /// Adds a region of a solid to the files that take fewer triangles: block by block, so that nothing
-    /// depends on the bricks. Blocks keep what they share.
-    pub fn add_fewer(
+    /// Voxels around a region on which its faces depend.
+    pub fn halo(&self) -> i32 {
+        let halos = self.outs.iter().map(|out| match out.way {
+            Way::All | Way::Fewer(..) => LEAF,
+            Way::OpenVdb { adaptivity, .. } => LevelSet::quad_halo(adaptivity),
+        });
+        halos.fold(LEAF, i32::max)
+    }
+
+    /// Adds a region of a solid to the files that take other faces than all triangles.
+    pub fn add_others(
+        &mut self,
+        bench: Bench,
+        (stored, solid): (&StoredSolid, &LevelSet),
+        place: (Region, f64),
+    ) -> Result<(), RunError> {
+        self.add_fewer(bench, solid, place)?;
+        self.add_quads(bench, (stored, solid), place)
+    }
+
+    /// Fewer triangles: block by block, so that nothing depends on the bricks. Blocks keep what they share.
+    fn add_fewer(
         &mut self,
         bench: Bench,
         solid: &LevelSet,
         (region, far): (Region, f64),
     ) -> Result<(), RunError> {
         for out in &mut self.outs {
-            let Some((wish, welder)) = &mut out.fewer else {
+            let Way::Fewer(wish, welder) = &mut out.way else {
                 continue;
             };
             let wish = *wish;
@@ -183,6 +292,34 @@ impl<'a> Meshes<'a> {
             let numbered = numbered.collect::<Result<Vec<_>, _>>()?;
             for (patch, numbered) in patches.iter().zip(&numbered) {
                 out.add(bench, patch, (numbered, error(bench, patch, exact)))?;
+            }
+        }
+        Ok(())
+    }
+
+    /// The faces of OpenVDB's mesher. Which vertices may not move is known from faces around, and theirs:
+    /// where they move, that is decided block by block, so that nothing depends on the bricks.
+    fn add_quads(
+        &mut self,
+        bench: Bench,
+        (stored, solid): (&StoredSolid, &LevelSet),
+        (region, far): (Region, f64),
+    ) -> Result<(), RunError> {
+        let last = region.max[0];
+        for out in &mut self.outs {
+            let Way::OpenVdb { moves, .. } = &out.way else {
+                continue;
+            };
+            if moves.is_none() {
+                out.add_share(bench, solid, None, (region, far, last))?;
+                continue;
+            }
+            let blocks: Vec<Coord> = stored.store.blocks_of(region).collect();
+            for block in blocks.into_iter().rev() {
+                let own = Region::cube(block, BLOCK);
+                let around = own.grown(LevelSet::quad_halo(0.0) + UNTANGLED);
+                let part = part(bench, &stored.store, around, Coord([0; 3]))?;
+                out.add_share(bench, &part, self.exact.as_ref(), (own, far, last))?;
             }
         }
         Ok(())

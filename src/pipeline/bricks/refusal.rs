@@ -39,10 +39,10 @@ fn wants_thickness(o: &Output) -> bool {
 
 /// Why a mesh is not streamed, if it is not.
 fn of_mesh(o: &Output) -> Option<&'static str> {
-    if o.is_meshed_by_openvdb() {
+    if o.decimate.is_some() && o.is_meshed_by_openvdb() {
         return Some(
-            "quads, sharp, adaptivity and mesher = \"openvdb\" are OpenVDB's, whose meshes are whole in \
-             memory; leave them out for triangles, or druse mesh the written .vdb on a machine that holds it",
+            "in bricks only triangles of the own mesher are decimated; leave out mesher and adaptivity, \
+             or decimate",
         );
     }
     wants_thickness(o).then_some(THICKNESS)

@@ -75,7 +75,7 @@ fn cube_walls(
     let patch = solid
         .patch(around, far, None, bench.session())
         .map_err(&failed)?;
-    let mesh = TriMesh::new(patch.vertices, patch.triangles).map_err(|e| failed(e.into()))?;
+    let mesh = TriMesh::new(patch.vertices, patch.faces).map_err(|e| failed(e.into()))?;
     let is_within = |p: &Vec3| {
         let voxel = p.map(|c| (c / h).floor() as i32);
         cube.meets(Coord(voxel.into()), 1)

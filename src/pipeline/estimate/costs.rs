@@ -11,10 +11,16 @@ pub(super) const WIDENING: f64 = 200.0;
 /// Bytes of a point of a mesh while it is decimated.
 pub(in super::super) const PER_FEWER: f64 = 125.0;
 
+/// Bytes of a point of OpenVDB's mesh while its vertices are moved onto the field: pairs of triangles that
+/// might meet are looked for among all.
+pub(in super::super) const PER_MOVED: f64 = 860.0;
+
 /// Bytes of a point of an output's mesh, beside the mesh that a run has anyway: another mesh, and numbers
 /// by point and by word.
 pub(super) fn point_in_memory(output: &Output) -> f64 {
-    let mesh = if output.is_meshed_by_openvdb() || output.decimate.is_some() {
+    let mesh = if output.moves_open_vdb() {
+        PER_MOVED
+    } else if output.is_meshed_by_openvdb() || output.decimate.is_some() {
         PER_FEWER
     } else if output.project {
         50.0

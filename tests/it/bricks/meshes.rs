@@ -114,6 +114,85 @@ fn fewer_triangles_are_the_same_in_all_bricks() {
     assert!(expected[1]["error"].as_f64().unwrap() < 1.01e-3 * 0.06);
 }
 
+/// The faces of an `.obj` by the words of their corners, each from its least on; all sorted.
+fn faces(path: &Path) -> Vec<Vec<String>> {
+    let text = fs::read_to_string(path).unwrap();
+    let places: Vec<&str> = text.lines().filter_map(|l| l.strip_prefix("v ")).collect();
+    let corner = |w: &str| places[w.parse::<usize>().unwrap() - 1].to_owned();
+    let face = |line: &str| {
+        let mut face: Vec<String> = line.split(' ').map(corner).collect();
+        let least = (0..face.len()).min_by_key(|&n| face[n].clone()).unwrap();
+        face.rotate_left(least);
+        face
+    };
+    let lines = text.lines().filter_map(|l| l.strip_prefix("f "));
+    let mut all: Vec<_> = lines.map(face).collect();
+    all.sort_unstable();
+    all
+}
+
+/// A wall in a plane of voxels, which is one of the planes between blocks.
+const BOX: &str = "[[op]]\nunion = { box = { size = [9, 6, 5.75], centre = [4.5, -3, -0.125] } }\n";
+
+/// OpenVDB's faces, as they are, cut and merged.
+#[test]
+fn faces_of_open_vdb_are_those_of_memory() {
+    let directory = tempfile::tempdir().unwrap();
+    let [whole, parts] = ["whole", "parts"].map(|n| directory.path().join(n));
+    let outputs = "[[output]]\nmesh = \"q.obj\"\nquads = true\n[[output]]\nmesh = \"t.obj\"\nmesher = \"openvdb\"\n[[output]]\nmesh = \"m.obj\"\nadaptivity = 0.4\nquads = true\n[[output]]\nmesh = \"n.ply\"\nquads = true\ngrids = [\"element_id\"]\n[[output]]\nmesh = \"a.obj\"\nadaptivity = 0.95\n";
+    let recipe = Recipe::parse(&format!("{TILED}{BOX}{outputs}"), &[]).unwrap();
+    let one = run(&recipe, &options(&whole, None, 2), &Silent).unwrap();
+    for (bricks, threads) in [(1, 2), (2, 1)] {
+        let two = run(&recipe, &options(&parts, Some(bricks), threads), &Silent).unwrap();
+        assert_eq!(facts(&one), facts(&two));
+        for name in ["q.obj", "t.obj", "m.obj", "a.obj"] {
+            let [one, two] = [&whole, &parts].map(|p| faces(&p.join(name)));
+            assert!(one == two, "{name}: {} and {} faces", one.len(), two.len());
+        }
+        let [one, two] = [&whole, &parts].map(|p| vertices(&p.join("n.ply")));
+        assert!(one == two);
+        let mesh = druse::io::read_mesh(parts.join("t.obj")).unwrap().mesh;
+        assert!(druse::mesh::check(&mesh).is_sound());
+    }
+    let merged = faces(&parts.join("m.obj"));
+    let are = |n: usize| merged.iter().any(|f| f.len() == n);
+    assert!(are(3) && are(4));
+}
+
+/// Vertices that move onto the field do so block by block: the same whatever the bricks and the threads,
+/// and all but a few as in memory.
+#[test]
+fn faces_on_the_exact_field_are_the_same_in_all_bricks() {
+    let directory = tempfile::tempdir().unwrap();
+    let place = |name: &str| directory.path().join(name);
+    let outputs = "[[output]]\nmesh = \"s.obj\"\nsharp = true\n[[output]]\nmesh = \"p.obj\"\nquads = true\nproject = true\n";
+    let exact = TILED.replace("[[op]]\nkeep_largest = true\n", "");
+    let recipe = Recipe::parse(&format!("{exact}{BOX}{outputs}"), &[]).unwrap();
+    let made = [("0", None, 2), ("1", Some(1), 1), ("2", Some(2), 2)];
+    let [memory, one, two] = made.map(|(name, bricks, threads)| {
+        let report = run(&recipe, &options(&place(name), bricks, threads), &Silent).unwrap();
+        facts(&report)
+    });
+    assert_eq!(one, two);
+    for (n, name) in ["s.obj", "p.obj"].into_iter().enumerate() {
+        let [memory_faces, one_faces, two_faces] =
+            ["0", "1", "2"].map(|p| faces(&place(p).join(name)));
+        assert!(one_faces == two_faces, "{name}");
+        let other = |f: &&Vec<String>| memory_faces.binary_search(f).is_err();
+        let others = one_faces.iter().filter(other).count();
+        assert_eq!(one_faces.len(), memory_faces.len());
+        assert!(1000 * others <= one_faces.len(), "{name}: {others}");
+        for found in [&memory[n], &one[n]] {
+            assert!(found["error"].as_f64().unwrap() < 1e-3 * 0.25, "{found}");
+        }
+        let creased = |found: &serde_json::Value| found["creased"].as_u64().unwrap();
+        assert_eq!(creased(&memory[n]), creased(&one[n]));
+        assert_eq!(creased(&one[n]) > 100, name == "s.obj");
+        let mesh = druse::io::read_mesh(place("1").join(name)).unwrap().mesh;
+        assert!(druse::mesh::check(&mesh).is_sound(), "{name}");
+    }
+}
+
 #[test]
 fn beams_are_written_beside_bricks() {
     let directory = tempfile::tempdir().unwrap();
@@ -130,10 +209,10 @@ fn beams_are_written_beside_bricks() {
 fn what_files_cannot_be_streamed_say_what_to_do() {
     let directory = tempfile::tempdir().unwrap();
     for (output, wanted) in [
-        ("mesh = \"b.obj\"\nquads = true", "quads"),
-        ("mesh = \"b.stl\"\nsharp = true", "sharp"),
-        ("mesh = \"b.stl\"\nadaptivity = 0.5", "adaptivity"),
-        ("mesh = \"b.stl\"\nmesher = \"openvdb\"", "mesher"),
+        (
+            "mesh = \"b.stl\"\nadaptivity = 0.5\ndecimate = 0.5",
+            "decimate",
+        ),
         ("mesh = \"b.ply\"\ngrids = [\"thickness\"]", "thickness"),
         (
             "vdb = \"b.vdb\"\ngrids = [\"surface\", \"thickness\"]",

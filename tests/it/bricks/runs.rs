@@ -279,7 +279,8 @@ fn what_cannot_go_through_bricks_says_why() {
         assert!(error.to_string().contains(wanted), "{error}");
     };
     refused("[[output]]\nvdb = \"b.nvdb\"\n", "b.nvdb");
-    refused("[[output]]\nmesh = \"b.obj\"\nquads = true\n", "b.obj");
+    let fewer = "[[output]]\nmesh = \"b.obj\"\nsharp = true\ndecimate = 0.5\n";
+    refused(fewer, "b.obj");
     let wide = RunOptions {
         memory: Some(32 << 20),
         ..options(directory.path(), Some(2), 1)

@@ -2,8 +2,8 @@
 
 use super::ball;
 use druse::frame::LengthUnit;
-use druse::io::{MeshPart, MeshStream, VertexAttribute, WriteError, write_mesh};
-use druse::mesh::TriMesh;
+use druse::io::{Faces, MeshPart, MeshStream, MeshView, VertexAttribute, WriteError, write_mesh};
+use druse::mesh::{QuadMesh, TriMesh};
 use std::fs;
 
 #[test]
@@ -27,7 +27,7 @@ fn a_mesh_that_comes_in_parts_is_written_as_one_that_comes_whole() {
         let names = ["a", "b"].map(str::to_owned);
         let names = if is_ply { names.to_vec() } else { Vec::new() };
         let row = names.len();
-        let mut stream = MeshStream::create(&path, LengthUnit::Inch, names.clone()).unwrap();
+        let mut stream = MeshStream::create(&path, LengthUnit::Inch, 3, names.clone()).unwrap();
         let parts = [
             (&all[..half], half, &first, &first),
             (&places[..], own, &local, &second),
@@ -42,8 +42,8 @@ fn a_mesh_that_comes_in_parts_is_written_as_one_that_comes_whole() {
                 numbers,
                 vertices,
                 owned,
-                triangles,
-                numbered,
+                faces: Faces::Triangles(triangles),
+                numbered: Faces::Triangles(numbered),
                 factor,
             };
             stream.add(part).unwrap();
@@ -64,9 +64,54 @@ fn a_mesh_that_comes_in_parts_is_written_as_one_that_comes_whole() {
     }
     let listed = fs::read_dir(directory.path()).unwrap().count();
     assert_eq!(listed, 4, "spools are left");
-    for (name, numbers) in [("m.png", 0), ("m.stl", 1)] {
+    for (name, corners, numbers) in [("m.png", 3, 0), ("m.stl", 3, 1), ("m.3mf", 4, 0)] {
         let path = directory.path().join(name);
-        let wrong = MeshStream::create(&path, LengthUnit::Inch, vec!["a".into(); numbers]);
-        assert!(matches!(wrong, Err(WriteError::Format { .. })));
+        let wrong = MeshStream::create(&path, LengthUnit::Inch, corners, vec!["a".into(); numbers]);
+        assert!(matches!(wrong, Err(WriteError::Format { .. })), "{name}");
     }
+}
+
+#[test]
+fn quads_and_triangles_come_in_parts_too() {
+    let places = [[0, 0], [1, 0], [2, 0], [2, 1], [1, 1], [0, 1]];
+    let at = |[x, y]: [i32; 2]| druse::frame::Vec3::new(x.into(), y.into(), 0.25);
+    let vertices: Vec<_> = places.map(at).into();
+    let faces = [[0, 1, 4, 5], [1, 2, 3, 3], [1, 3, 4, 4]];
+    let whole = QuadMesh::new(vertices.clone(), faces.to_vec()).unwrap();
+    let directory = tempfile::tempdir().unwrap();
+    for name in ["q.ply", "q.obj"] {
+        let path = directory.path().join(name);
+        let mut stream = MeshStream::create(&path, LengthUnit::Metre, 4, Vec::new()).unwrap();
+        let parts = [
+            (&vertices[..], 6, &whole.quads()[..1]),
+            (&vertices[..], 0, &whole.quads()[1..]),
+        ];
+        for (vertices, owned, faces) in parts {
+            let part = MeshPart {
+                vertices,
+                owned,
+                faces: Faces::Quads(faces),
+                numbered: Faces::Quads(faces),
+                numbers: &[],
+                factor: 1.0,
+            };
+            stream.add(part).unwrap();
+        }
+        stream.commit().unwrap();
+        let streamed = fs::read(&path).unwrap();
+        write_mesh(&path, MeshView::from(&whole), LengthUnit::Metre).unwrap();
+        assert!(fs::read(&path).unwrap() == streamed, "{name}");
+    }
+    let path = directory.path().join("t.ply");
+    let mut stream = MeshStream::create(&path, LengthUnit::Metre, 3, Vec::new()).unwrap();
+    let quads = Faces::Quads(whole.quads());
+    let refused = stream.add(MeshPart {
+        vertices: &vertices,
+        owned: 6,
+        faces: quads,
+        numbered: quads,
+        numbers: &[],
+        factor: 1.0,
+    });
+    assert!(matches!(refused, Err(WriteError::Format { .. })));
 }
