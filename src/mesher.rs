@@ -55,7 +55,7 @@ mod quads;
 mod sheet;
 
 pub use patch::{Patch, Welder};
-pub use quads::Share;
+pub(crate) use quads::Share;
 
 /// A leaf of a band: least voxel, and values with z fastest.
 #[derive(Clone, Copy, Debug)]

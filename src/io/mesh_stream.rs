@@ -51,8 +51,8 @@ struct Spool {
 }
 
 impl MeshStream {
-    /// Begins a file, of the format that its extension says, for faces of at most 3 or 4 corners, with a
-    /// name for each number at a vertex.
+    /// Begins a file, of the format that its extension says, for triangles or for quads among them, with
+    /// a name for each number at a vertex.
     ///
     /// # Errors
     /// [`WriteError`] when the extension is none of a mesh, or of one without numbers or quadrilaterals, or
@@ -60,7 +60,7 @@ impl MeshStream {
     pub fn create(
         path: &Path,
         unit: LengthUnit,
-        corners: usize,
+        has_quads: bool,
         names: Vec<String>,
     ) -> Result<Self, WriteError> {
         let wrong = |reason: &str| WriteError::Format {
@@ -75,12 +75,13 @@ impl MeshStream {
         if !names.is_empty() && format != MeshFormat::Ply {
             return Err(wrong("numbers at the vertices; expected .ply for them"));
         }
-        if corners > 3 && !matches!(format, MeshFormat::Ply | MeshFormat::Obj) {
+        if has_quads && !matches!(format, MeshFormat::Ply | MeshFormat::Obj) {
             return Err(wrong("quadrilaterals; expected .ply or .obj for them"));
         }
         let kind = if format == MeshFormat::Stl {
             Kind::Stl(StlStream::create(path, unit)?)
         } else {
+            let corners = if has_quads { 4 } else { 3 };
             Kind::Spooled(format, Spool::beside(path, corners, names)?)
         };
         Ok(Self {

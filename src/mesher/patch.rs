@@ -13,14 +13,15 @@ use std::collections::BTreeMap;
 pub(super) struct Knot {
     /// Where its edge or its cell begins.
     pub voxel: Coord,
-    /// The axis of its edge, or its place in single precision.
+    /// The axis of its edge, or its place in single precision, which tells vertices of a cell apart up to
+    /// 10^5 voxels from the origin.
     pub mark: [u32; 3],
 }
 
 /// The faces of a region of cells, of `N` corners each, and their vertices, world units. Of four corners a
 /// face may repeat the last.
 ///
-/// Vertices on the lower sides of the region are its own; those on its upper sides belong to the regions
+/// Vertices near the lower sides of the region are its own; those near its upper sides belong to the regions
 /// above and stand here again, equal to the last bit.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Patch<const N: usize = 3> {

@@ -3,6 +3,11 @@
 //! A quad stands for an edge of the voxel lattice that changes sign; its corners lie in the four cells
 //! around that edge. It belongs to the region that holds the least of them along every axis: as a rule in
 //! places alone it holds for whatever part of a level set the mesh was made from.
+//!
+//! The cell of a vertex is found from its place in single precision. Of two corners in cells to both sides of
+//! a plane the quad's own edge lies in that plane, and each corner, a mean of crossings, has that one among
+//! them: it may be rounded across this plane, which gives the quad to the next region in every part alike,
+//! but not across the far side of its cell, a twelfth of a voxel away at least.
 
 use super::patch::{Knot, Patch};
 use crate::band::Region;
@@ -10,7 +15,7 @@ use crate::frame::{Coord, Vec3};
 use crate::mesh::{QuadMesh, cut};
 
 /// What of a mesh belongs to a region: chosen by where its vertices are, whatever becomes of them after.
-pub struct Share {
+pub(crate) struct Share {
     /// Numbers of its quads.
     quads: Vec<u32>,
     /// Numbers of its vertices, its own first.
@@ -84,6 +89,7 @@ impl Share {
 
     /// As a patch, of the mesh that it was chosen from or of the same with its vertices moved.
     pub fn patch(self, mesh: &QuadMesh) -> Patch<4> {
+        debug_assert_eq!(mesh.vertices().len(), self.place_of.len());
         let place = |v: u32| self.place_of[v as usize].unwrap_or(0);
         let quads = self.quads.iter().map(|&n| mesh.quads()[n as usize]);
         let vertices = self.vertices.iter().map(|&v| mesh.vertices()[v as usize]);

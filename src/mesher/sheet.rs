@@ -11,6 +11,7 @@ use crate::lanes::{self, Lanes, Work};
 use crate::mesh::MeshError;
 use crate::progress::{Cancelled, Progress};
 use rayon::prelude::*;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
 
 /// Leaves that a task takes at once.
@@ -135,10 +136,14 @@ impl<'a> Sheet<'a> {
             vertices: 0,
         };
         let tear = Mutex::new(None);
+        let stopped = AtomicBool::new(false);
         // A list of known length, made in place: one of results would be put together from pieces.
         let edges = (0..leaves.len()).into_par_iter().with_min_len(BATCH);
         let edges = edges.map(|n| {
             if n % BATCH == 0 && progress.cancelled() {
+                stopped.store(true, Ordering::Relaxed);
+            }
+            if stopped.load(Ordering::Relaxed) {
                 return Edges::default();
             }
             let (edges, torn) = sheet.edges_of(n);
@@ -149,7 +154,7 @@ impl<'a> Sheet<'a> {
             edges
         });
         sheet.edges = edges.collect();
-        if progress.cancelled() {
+        if stopped.into_inner() {
             return Err(Cancelled.into());
         }
         if let Some(voxel) = tear.into_inner().unwrap_or_else(PoisonError::into_inner) {

@@ -67,8 +67,8 @@ pub struct Leaves<'a> {
     level_set: PhantomData<&'a LevelSet>,
 }
 
-impl Leaves<'_> {
-    pub(super) fn of_grid(grid: &ffi::Grid) -> Result<Self, cxx::Exception> {
+impl<'a> Leaves<'a> {
+    pub(super) fn of_grid(grid: &'a ffi::Grid) -> Result<Self, cxx::Exception> {
         Ok(Self {
             table: ffi::leaf_table(grid)?,
             level_set: PhantomData,

@@ -122,22 +122,29 @@ impl LevelSet {
     /// the leaves up to [`LevelSet::quad_halo`] voxels around, and the mesh that of
     /// [`LevelSet::part_to_quads`]. Regions that share no voxel share no quad, and together they have all;
     /// `last` is the greatest x of those whose patches come with this one.
-    pub fn share(&self, mesh: &QuadMesh, (region, last): (Region, i32), adaptivity: f64) -> Share {
+    pub(crate) fn share(
+        &self,
+        mesh: &QuadMesh,
+        (region, last): (Region, i32),
+        adaptivity: f64,
+    ) -> Share {
         let index = |v: Vec3| (v - self.origin) / self.transform.voxel_size();
-        // Of quads that are not merged the corners are in neighbouring cells.
+        // Of quads that are not merged the corners are in neighbouring cells; of those that are, in
+        // neighbouring leaves, and relaxing moves them no further than to the next.
         let layer = if adaptivity > 0.0 { 2 * LEAF } else { 1 };
         Share::new(mesh, (region, last, layer), index)
     }
 
     /// Voxels around a region on which its quads depend, a multiple of 8: those that are merged are so leaf
-    /// by leaf, and turned by what is in the next.
-    pub fn quad_halo(adaptivity: f64) -> i32 {
+    /// by leaf, and a vertex whose faces are turned over goes to the middle of their corners (OpenVDB calls it
+    /// relaxing).
+    pub(crate) fn quad_halo(adaptivity: f64) -> i32 {
         if adaptivity > 0.0 { 3 * LEAF } else { LEAF }
     }
 
     /// The zero set as quadrilaterals, counter-clockwise seen from outside, in world units: one for each
     /// edge of the voxel grid that changes sign. Closed and manifold, also where walls lie in planes of
-    /// voxels: values of magnitude under 1e-4 voxel (more beyond 100 voxels, where `f32` is coarser)
+    /// voxels: values of magnitude under 1e-4 voxel (up to 1e-2 beyond 100 voxels, where `f32` is coarser)
     /// are taken for that much, so that the vertices of different cells never fall onto one voxel.
     ///
     /// `adaptivity` above 0 merges flat regions, 1 all it can; most such meshes intersect themselves
@@ -155,7 +162,7 @@ impl LevelSet {
     ///
     /// # Errors
     /// As [`LevelSet::to_quads`].
-    pub fn part_to_quads(
+    pub(crate) fn part_to_quads(
         &self,
         adaptivity: f64,
         far: f64,

@@ -27,6 +27,8 @@ const PER_THREAD: f64 = (14u64 << 20) as f64;
 const PER_POINT: f64 = 90.0;
 /// Trees that OpenVDB's mesher has beside the one it meshes: a copy, signs and places of cells.
 const QUAD_TREES: f64 = 2.5;
+/// Memory of a point of its mesh, with the patch that is made of it.
+const PER_QUAD_POINT: f64 = 150.0;
 /// Memory that a block on disk keeps.
 const PER_BLOCK: f64 = 1300.0;
 /// Memory of a block's place in the file of one word.
@@ -76,14 +78,18 @@ pub(crate) fn needs(stock: &Stock, threads: &Threads, counts: &Counts, edge: u32
     } else {
         0.0
     };
-    let (around, trees) = of_open_vdb(stock);
-    let leaf = LEAF_BYTES * (1.0 + trees) + (PER_POINT + fewer + numbers) * points;
+    let theirs = of_open_vdb(stock);
+    let (around, trees, point) = theirs.map_or((LEAF, 0.0, PER_POINT), |halo| {
+        (halo, QUAD_TREES, PER_QUAD_POINT)
+    });
+    let leaf = LEAF_BYTES * (1.0 + trees) + (point + fewer + numbers) * points;
     let meshed = leaves(f64::from(around)) * leaf;
     let mut outputs = stock.recipe.sections().output.iter();
     let moved = if outputs.any(Output::moves_open_vdb) {
-        let around = f64::from(LevelSet::quad_halo(0.0) + UNTANGLED);
-        let leaf = LEAF_BYTES * (1.0 + QUAD_TREES) + PER_MOVED * points;
-        leaves(8.0) * LEAF_BYTES + in_cube(1.0 + 2.0 * around / 128.0) * leaf
+        let leaf = LEAF_BYTES * (1.0 + QUAD_TREES) + (PER_MOVED + numbers) * points;
+        let of_block = f64::from(LevelSet::quad_halo(0.0) + UNTANGLED);
+        let block = in_cube(1.0 + 2.0 * of_block / 128.0) * leaf;
+        leaves(f64::from(around)) * LEAF_BYTES + block
     } else {
         0.0
     };
@@ -123,12 +129,12 @@ pub(crate) fn needs(stock: &Stock, threads: &Threads, counts: &Counts, edge: u32
     (base + chosen + greatest) as u64
 }
 
-/// Voxels around a brick that meshing looks at, and what OpenVDB's mesher has beside a tree, in trees.
-fn of_open_vdb(stock: &Stock) -> (i32, f64) {
+/// Voxels around a brick that OpenVDB's mesher looks at, if any output is its.
+fn of_open_vdb(stock: &Stock) -> Option<i32> {
     let outputs = stock.recipe.sections().output.iter();
     let theirs = outputs.filter(|o| o.is_meshed_by_openvdb());
     let halos = theirs.map(|o| LevelSet::quad_halo(o.merging()));
-    halos.fold((LEAF, 0.0), |(most, _), halo| (most.max(halo), QUAD_TREES))
+    halos.max()
 }
 
 /// Numbers at each vertex of the mesh that has most.

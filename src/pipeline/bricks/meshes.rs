@@ -23,7 +23,7 @@ use crate::vdb::{LevelSet, VdbError};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
-/// Voxels around a block in which it is looked for vertices that keep others from moving.
+/// Voxels around a block whose vertices may keep those of the block from moving.
 pub(super) const UNTANGLED: i32 = 24;
 
 /// A mesh that is written while patches pass.
@@ -204,10 +204,9 @@ impl<'a> Meshes<'a> {
             let attributes = Attributes::new(bench, yard.stock, words, &nothing, factor)?;
             let is_exact = output.project || output.sharp;
             let moved = is_exact.then_some(0);
-            let corners = if output.quads { 4 } else { 3 };
             outs.push(MeshOut {
                 path: path.clone(),
-                file: MeshStream::create(path, unit, corners, attributes.names())?,
+                file: MeshStream::create(path, unit, output.quads, attributes.names())?,
                 factor,
                 is_exact,
                 way: Way::of(output, bench.scale),

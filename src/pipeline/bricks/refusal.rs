@@ -41,8 +41,8 @@ fn wants_thickness(o: &Output) -> bool {
 fn of_mesh(o: &Output) -> Option<&'static str> {
     if o.decimate.is_some() && o.is_meshed_by_openvdb() {
         return Some(
-            "in bricks only triangles of the own mesher are decimated; leave out mesher and adaptivity, \
-             or decimate",
+            "in bricks only triangles of the own mesher are decimated; leave out mesher, sharp and \
+             adaptivity, or decimate",
         );
     }
     wants_thickness(o).then_some(THICKNESS)

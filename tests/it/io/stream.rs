@@ -27,7 +27,7 @@ fn a_mesh_that_comes_in_parts_is_written_as_one_that_comes_whole() {
         let names = ["a", "b"].map(str::to_owned);
         let names = if is_ply { names.to_vec() } else { Vec::new() };
         let row = names.len();
-        let mut stream = MeshStream::create(&path, LengthUnit::Inch, 3, names.clone()).unwrap();
+        let mut stream = MeshStream::create(&path, LengthUnit::Inch, false, names.clone()).unwrap();
         let parts = [
             (&all[..half], half, &first, &first),
             (&places[..], own, &local, &second),
@@ -64,9 +64,15 @@ fn a_mesh_that_comes_in_parts_is_written_as_one_that_comes_whole() {
     }
     let listed = fs::read_dir(directory.path()).unwrap().count();
     assert_eq!(listed, 4, "spools are left");
-    for (name, corners, numbers) in [("m.png", 3, 0), ("m.stl", 3, 1), ("m.3mf", 4, 0)] {
+    for (name, has_quads, numbers) in [("m.png", false, 0), ("m.stl", false, 1), ("m.3mf", true, 0)]
+    {
         let path = directory.path().join(name);
-        let wrong = MeshStream::create(&path, LengthUnit::Inch, corners, vec!["a".into(); numbers]);
+        let wrong = MeshStream::create(
+            &path,
+            LengthUnit::Inch,
+            has_quads,
+            vec!["a".into(); numbers],
+        );
         assert!(matches!(wrong, Err(WriteError::Format { .. })), "{name}");
     }
 }
@@ -81,7 +87,7 @@ fn quads_and_triangles_come_in_parts_too() {
     let directory = tempfile::tempdir().unwrap();
     for name in ["q.ply", "q.obj"] {
         let path = directory.path().join(name);
-        let mut stream = MeshStream::create(&path, LengthUnit::Metre, 4, Vec::new()).unwrap();
+        let mut stream = MeshStream::create(&path, LengthUnit::Metre, true, Vec::new()).unwrap();
         let parts = [
             (&vertices[..], 6, &whole.quads()[..1]),
             (&vertices[..], 0, &whole.quads()[1..]),
@@ -103,7 +109,7 @@ fn quads_and_triangles_come_in_parts_too() {
         assert!(fs::read(&path).unwrap() == streamed, "{name}");
     }
     let path = directory.path().join("t.ply");
-    let mut stream = MeshStream::create(&path, LengthUnit::Metre, 3, Vec::new()).unwrap();
+    let mut stream = MeshStream::create(&path, LengthUnit::Metre, false, Vec::new()).unwrap();
     let quads = Faces::Quads(whole.quads());
     let refused = stream.add(MeshPart {
         vertices: &vertices,
