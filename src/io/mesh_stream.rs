@@ -100,7 +100,8 @@ impl MeshStream {
             Kind::Stl(_) => 3,
             Kind::Spooled(_, spool) => spool.corners,
         };
-        if most < 4 && matches!(part.faces, Faces::Quads(_)) {
+        let has_quads = |f: Faces| matches!(f, Faces::Quads(_));
+        if most < 4 && (has_quads(part.faces) || has_quads(part.numbered)) {
             return Err(WriteError::Format {
                 path: self.path.clone(),
                 reason: "quadrilaterals; the file was begun for triangles".into(),

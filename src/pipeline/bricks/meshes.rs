@@ -39,7 +39,7 @@ struct MeshOut<'a> {
     facts: MeshFacts,
 }
 
-/// What faces a mesh takes; those that no other may share it numbers for itself.
+/// What faces a mesh takes. Other than all triangles it numbers them for itself.
 enum Way {
     /// All triangles.
     All,
@@ -110,9 +110,7 @@ impl MeshOut<'_> {
         self.facts.error = self.facts.error.map(|e| e.max(error));
         Ok(())
     }
-}
 
-impl MeshOut<'_> {
     /// Adds what OpenVDB's mesher makes in a region, moved onto a field if it has one; `last` is the
     /// greatest x of the regions that come with it.
     fn add_share(
