@@ -62,6 +62,8 @@ pub trait Lanes: Copy {
     fn magnitude(self, a: Self::F) -> Self::F;
     /// One bit per number: whether a < b.
     fn below(self, a: Self::F, b: Self::F) -> u8;
+    /// One bit per number: its sign, also that of a zero.
+    fn signs(self, a: Self::F) -> u8;
     /// x where a < b, else y.
     fn select_below(self, a: Self::F, b: Self::F, x: Self::F, y: Self::F) -> Self::F;
     /// The greatest integers not above, of numbers below 2^31.
@@ -260,6 +262,8 @@ mod tests {
                 two.pair([rows[1], rows[0]]),
                 two.each([0.5, -3.0]),
                 two.mul(a, b),
+                two.add(a, b),
+                two.sub(a, b),
                 two.min(a, b),
                 two.max(a, b),
                 two.magnitude(a),
@@ -311,6 +315,8 @@ mod tests {
             l.store(two.singles_eight(x), &mut to[0]);
             singles.push(to);
             let mut bits = vec![u64::from(two.below(a, b)), u64::from(two.below_eight(x, y))];
+            bits.push(u64::from(two.signs(a)));
+            bits.push(u64::from(two.signs(two.each([-0.0, 0.0]))));
             for n in l.integers(l.floor(rows[0])) {
                 bits.push(n as u64);
             }
@@ -336,7 +342,7 @@ mod tests {
             prop_assert_eq!(best.0[..fused].to_vec(), plain.0[..fused].to_vec());
             let turned = best.1.len() - 3;
             prop_assert_eq!(best.1[turned..].to_vec(), doubles.to_vec());
-            prop_assert!(best.0[8][0].iter().zip(a[0]).all(|(cut, a)| *cut == a.floor()));
+            prop_assert!(best.0[10][0].iter().zip(a[0]).all(|(cut, a)| *cut == a.floor()));
             let near = |a: f64, b: f64| (a - b).abs() <= 1e-9 * (1.0 + a.abs());
             for (a, b) in best.1.as_flattened().iter().zip(plain.1.as_flattened()) {
                 prop_assert!(near(*a, *b), "{a} {b}");

@@ -10,10 +10,10 @@ use crate::progress::{Cancelled, Progress, Threads};
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Leaves evaluated at once, between two looks at whether the user asked to stop.
+/// Most leaves in a batch, which are evaluated at once, between two looks at whether the user asked to stop.
 const GROUP: usize = 32;
-/// Most leaves in a batch.
-const BATCH: usize = 256;
+/// Most leaves of a stretch: no fewer than those of one x.
+const STRETCH: usize = (EDGE * EDGE) as usize;
 /// Leaves along a block's edge.
 const EDGE: i32 = BLOCK / LEAF;
 /// A leaf that was not evaluated, in a block's table.
@@ -79,7 +79,8 @@ impl Band<'_> {
 ///
 /// What a leaf's mask takes of its neighbours are signs, so that values are kept of two stretches at a
 /// time: of the one to be delivered, and of the next one, whose signs it waits for. A stretch whose
-/// leaves are settled waits for nothing, and its values are still in the cache when they are read.
+/// leaves are settled waits for nothing, and its values are still in the cache when they are read. Leaves
+/// that are proved to have no active voxels leave no values.
 fn block(
     culler: &Culler,
     origin: Coord,
@@ -109,15 +110,16 @@ fn block(
         }
         first = last;
         let settled = next.take_if(|stretch| stretch.is_settled);
-        for stretch in [waiting.take(), settled].into_iter().flatten() {
-            let (batch, looked) = block.choose(stretch, &mut inside);
-            stats.voxels_evaluated += looked;
-            stats.leaves_kept += batch.len() as u64;
-            stats.active_voxels += batch.active_voxels();
-            if !batch.is_empty() {
-                sink.block(origin, &batch)?;
+        for mut stretch in [waiting.take(), settled].into_iter().flatten() {
+            stats.voxels_evaluated += block.settle(&mut stretch, &mut inside);
+            for batch in stretch.batches {
+                stats.leaves_kept += batch.len() as u64;
+                stats.active_voxels += batch.active_voxels();
+                if !batch.is_empty() {
+                    sink.block(origin, &batch)?;
+                }
+                pool::give_batch(batch);
             }
-            pool::give_batch(batch);
         }
         waiting = next;
     }
@@ -190,11 +192,23 @@ fn group_values(
     Ok(looked)
 }
 
-/// Consecutive leaves of a block, evaluated: their values, and for masks what lies within the band.
+/// What is known of a leaf.
+#[derive(Clone, Copy, PartialEq)]
+enum Standing {
+    /// Voxels may be active because a neighbour beyond the band has the other sign.
+    Open,
+    /// Its mask is all there is to it.
+    Settled,
+    /// No voxel is active: it has no values.
+    Out,
+}
+
+/// Consecutive leaves of a block, evaluated: the values of those that are not out, and for masks what
+/// lies within the band.
 struct Stretch {
     leaves: Range<usize>,
-    batch: LeafBatch,
-    /// Whether the masks are all there is to them.
+    batches: [LeafBatch; STRETCH / GROUP],
+    /// Whether no leaf is open.
     is_settled: bool,
 }
 
@@ -205,7 +219,7 @@ struct Block<'a> {
     origins: Vec<Coord>,
     /// Of the leaves that were evaluated.
     signs: Vec<Signs>,
-    settled: Vec<bool>,
+    standings: Vec<Standing>,
     /// Number of the leaf at each of the 16^3 places, z fastest.
     table: Vec<u16>,
 }
@@ -221,19 +235,19 @@ impl<'a> Block<'a> {
             culler,
             origin,
             signs: pool::signs(origins.len()),
-            settled: vec![false; origins.len()],
+            standings: vec![Standing::Open; origins.len()],
             origins,
             table,
         }
     }
 
-    /// Where the stretch from a leaf on ends: after as many layers of leaves of one x as fit a batch,
+    /// Where the stretch from a leaf on ends: after as many layers of leaves of one x as it may hold,
     /// at least one, so that no leaf has a neighbour beyond the next stretch.
     fn stretch(&self, first: usize) -> usize {
         let mut last = first;
         while let Some(leaf) = self.origins.get(last) {
             let layer = self.origins[last..].partition_point(|o| o[0] == leaf[0]);
-            if last > first && last + layer > first + BATCH {
+            if last > first && last + layer > first + STRETCH {
                 break;
             }
             last += layer;
@@ -247,82 +261,102 @@ impl<'a> Block<'a> {
         leaves: Range<usize>,
         progress: &dyn Progress,
     ) -> Result<(Stretch, u64), BandError> {
-        let mut batch = pool::batch(leaves.len());
-        let LeafBatch { masks, values, .. } = &mut batch;
+        let mut batches: [LeafBatch; STRETCH / GROUP] = Default::default();
         let looked = self.origins[leaves.clone()]
             .par_chunks(GROUP)
-            .zip(values.par_chunks_mut(GROUP))
-            .zip(masks.par_chunks_mut(GROUP))
+            .zip(&mut batches)
             .zip(self.signs[leaves.clone()].par_chunks_mut(GROUP))
-            .zip(self.settled[leaves.clone()].par_chunks_mut(GROUP))
-            .map(|((((group, values), masks), signs), settled)| {
+            .zip(self.standings[leaves.clone()].par_chunks_mut(GROUP))
+            .map(|(((group, batch), signs), standings)| {
                 if progress.cancelled() {
                     return Err(BandError::from(Cancelled));
                 }
+                *batch = pool::batch(group.len());
                 let mut bits = [LeafBits::default(); GROUP];
                 let bits = &mut bits[..group.len()];
-                let looked = group_values(self.culler, group, values, bits)?;
+                let looked = group_values(self.culler, group, &mut batch.values, bits)?;
                 for (n, bits) in bits.iter().enumerate() {
-                    masks[n] = bits.within;
                     signs[n] = bits.negative;
-                    // Only an inactive voxel may become active by its neighbours.
-                    settled[n] = bits.settled || bits.within == [u64::MAX; 8];
+                    standings[n] = if bits.is_out() {
+                        Standing::Out
+                    } else if bits.settled || bits.within == [u64::MAX; 8] {
+                        // Only an inactive voxel may become active by its neighbours.
+                        Standing::Settled
+                    } else {
+                        Standing::Open
+                    };
+                    if !bits.is_out() {
+                        batch.origins.push(group[n]);
+                        batch.masks.push(bits.within);
+                    }
                 }
+                batch.values.truncate(batch.len());
                 Ok(looked)
             })
             .try_reduce(|| 0, |a, b| Ok(a + b))?;
-        let is_settled = self.settled[leaves.clone()].iter().all(|&s| s);
+        let is_settled = !self.standings[leaves.clone()].contains(&Standing::Open);
         let stretch = Stretch {
             leaves,
-            batch,
+            batches,
             is_settled,
         };
         Ok((stretch, looked))
     }
 
-    /// The leaves of a stretch that have active voxels; those that lie inside go to `inside`. Needs the
-    /// next stretch evaluated, unless this one is settled. Gives at how many more points the field was
-    /// looked at.
-    fn choose(&self, stretch: Stretch, inside: &mut Vec<(Coord, i32)>) -> (LeafBatch, u64) {
-        let Stretch {
-            leaves,
-            mut batch,
-            is_settled,
-        } = stretch;
+    /// Activates what lies next to a change of sign and takes away the leaves that have no active voxels;
+    /// those that lie inside go to `inside`. Needs the next stretch evaluated, unless this one is settled.
+    /// Gives at how many more points the field was looked at.
+    fn settle(&mut self, stretch: &mut Stretch, inside: &mut Vec<(Coord, i32)>) -> u64 {
         let mut looked = 0;
-        if !is_settled {
-            let places = batch.masks.par_iter_mut().zip(leaves.clone());
-            let open = places.filter(|&(_, n)| !self.settled[n]);
-            looked = open.map(|(mask, n)| self.activate(n, mask)).sum();
+        if !stretch.is_settled {
+            let batches = stretch.batches.par_iter_mut();
+            let leaves = batches.flat_map(|b| b.masks.par_iter_mut().zip(&b.origins));
+            looked = leaves
+                .filter(|(_, leaf)| self.standings[self.number(**leaf)] == Standing::Open)
+                .map(|(mask, leaf)| self.activate(*leaf, mask))
+                .sum();
+            for batch in &mut stretch.batches {
+                self.drop_empty(batch);
+            }
         }
-        let LeafBatch {
-            origins,
-            masks,
-            values,
-        } = &mut batch;
-        for (place, n) in leaves.enumerate() {
-            if masks[place] == [0; 8] {
-                if values[place][0] < 0.0 {
-                    inside.push((self.origins[n], LEAF));
-                }
+        for n in stretch.leaves.clone() {
+            if self.standings[n] == Standing::Out && self.signs[n][0] & 1 == 1 {
+                inside.push((self.origins[n], LEAF));
+            }
+        }
+        looked
+    }
+
+    /// Takes the leaves without active voxels out of a batch.
+    fn drop_empty(&mut self, batch: &mut LeafBatch) {
+        let mut kept = 0;
+        for place in 0..batch.len() {
+            if batch.masks[place] == [0; 8] {
+                let number = self.number(batch.origins[place]);
+                self.standings[number] = Standing::Out;
                 continue;
             }
-            let kept = origins.len();
             if kept < place {
-                masks[kept] = masks[place];
-                values.copy_within(place..=place, kept);
+                batch.origins[kept] = batch.origins[place];
+                batch.masks[kept] = batch.masks[place];
+                batch.values.copy_within(place..=place, kept);
             }
-            origins.push(self.origins[n]);
+            kept += 1;
         }
-        masks.truncate(origins.len());
-        values.truncate(origins.len());
-        (batch, looked)
+        batch.origins.truncate(kept);
+        batch.masks.truncate(kept);
+        batch.values.truncate(kept);
+    }
+
+    /// The number of a leaf that was evaluated.
+    fn number(&self, leaf: Coord) -> usize {
+        let [x, y, z] = place(self.origin, leaf);
+        usize::from(self.table[((x * EDGE + y) * EDGE + z) as usize])
     }
 
     /// Adds to the mask of a leaf's voxels within the band those next to a change of sign; gives how many
     /// samples beyond the block it took to find them.
-    fn activate(&self, n: usize, mask: &mut [u64; 8]) -> u64 {
-        let leaf = self.origins[n];
+    fn activate(&self, leaf: Coord, mask: &mut [u64; 8]) -> u64 {
         let mut near = Neighbourhood::default();
         let own = place(self.origin, leaf);
         for d in 0..27usize {

@@ -1,14 +1,14 @@
 //! Memory that serves again: the buffers of batches and of signs, a stack of each per thread.
 //!
 //! Fresh memory costs ten times what writing into warm memory does, since the system clears every page
-//! of it. A batch is taken for a stretch of leaves and given back behind it, whatever thread that is
+//! of it. A batch is taken for a group of leaves and given back behind it, whatever thread that is
 //! on; a stack holds few of them, since a thread works on few blocks at a time.
 
 use super::{LeafBatch, VOXELS};
 use std::cell::RefCell;
 
-/// Most buffers that a thread keeps.
-const KEPT: usize = 4;
+/// Most buffers that a thread keeps: the batches of two stretches.
+const KEPT: usize = 16;
 
 thread_local! {
     static BATCHES: RefCell<Vec<LeafBatch>> = const { RefCell::new(Vec::new()) };
@@ -34,11 +34,11 @@ pub(super) fn give_signs(signs: Vec<Signs>) {
     });
 }
 
-/// A batch without origins that has so many leaves' masks and values, whatever they hold.
+/// A batch without leaves that has room for the values of so many, whatever they hold.
 pub(super) fn batch(leaves: usize) -> LeafBatch {
     let mut batch = BATCHES.with_borrow_mut(Vec::pop).unwrap_or_default();
     batch.origins.clear();
-    batch.masks.resize(leaves, [0; 8]);
+    batch.masks.clear();
     batch.values.resize(leaves, [0.0; VOXELS]);
     batch
 }

@@ -29,9 +29,10 @@ pub struct Leaves<'a, P: Point> {
     pub by: f32,
     /// Values are then clamped to minus and plus this.
     pub background: f32,
-    /// Where the values go.
+    /// Where the values go: those of leaves that are not [out of it](LeafBits::is_out), one after the
+    /// other; behind them there may be anything.
     pub values: &'a mut [[f32; 512]],
-    /// Where goes what they say.
+    /// Where goes what they say of each leaf.
     pub bits: &'a mut [LeafBits],
 }
 
@@ -47,6 +48,12 @@ pub struct LeafParts<R> {
 }
 
 impl LeafBits {
+    /// Whether it is proved that none of a leaf's voxels is active, so that nobody asks for its values.
+    #[inline(always)]
+    pub fn is_out(&self) -> bool {
+        self.settled && self.within == [0; 8]
+    }
+
     /// What the values of a leaf say, which are clamped to the background on the way: inactive ones lie beyond
     /// it. Nothing is proved.
     pub fn look_at(values: &mut [f32; 512], background: f32) -> Self {

@@ -91,13 +91,16 @@ impl<T: Width> Lanes for Wide<T> {
     }
     #[inline(always)]
     fn magnitude(self, a: Self::F) -> Self::F {
-        // One instruction more than clearing the sign, but surely inlined.
-        self.max(a, self.sub(self.splat(0.0), a))
+        self.0.abs_f32x8(a)
     }
     #[inline(always)]
     fn below(self, a: Self::F, b: Self::F) -> u8 {
         let mask = self.0.less_than_f32s(a, b);
         self.0.avx._mm256_movemask_ps(cast(mask)) as u8
+    }
+    #[inline(always)]
+    fn signs(self, a: Self::F) -> u8 {
+        self.0.avx._mm256_movemask_ps(cast(a)) as u8
     }
     #[inline(always)]
     fn select_below(self, a: Self::F, b: Self::F, x: Self::F, y: Self::F) -> Self::F {
@@ -310,6 +313,14 @@ impl Twice for V4 {
         self.select_f32s(b16(0x00ff), low, high)
     }
     #[inline(always)]
+    fn add(self, a: f32x16, b: f32x16) -> f32x16 {
+        self.add_f32s(a, b)
+    }
+    #[inline(always)]
+    fn sub(self, a: f32x16, b: f32x16) -> f32x16 {
+        self.sub_f32s(a, b)
+    }
+    #[inline(always)]
     fn mul(self, a: f32x16, b: f32x16) -> f32x16 {
         self.mul_f32s(a, b)
     }
@@ -332,6 +343,10 @@ impl Twice for V4 {
     #[inline(always)]
     fn below(self, a: f32x16, b: f32x16) -> u16 {
         self.less_than_f32s(a, b).0
+    }
+    #[inline(always)]
+    fn signs(self, a: f32x16) -> u16 {
+        self.avx512dq._mm512_movepi32_mask(cast(a))
     }
     #[inline(always)]
     fn select_below(self, a: f32x16, b: f32x16, x: f32x16, y: f32x16) -> f32x16 {

@@ -74,6 +74,10 @@ impl Lanes for Plain {
         a.simd_lt(b).to_bitmask() as u8
     }
     #[inline(always)]
+    fn signs(self, a: f32x8) -> u8 {
+        a.to_bitmask() as u8
+    }
+    #[inline(always)]
     fn select_below(self, a: f32x8, b: f32x8, x: f32x8, y: f32x8) -> f32x8 {
         a.simd_lt(b).bitselect(x, y)
     }

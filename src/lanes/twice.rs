@@ -24,6 +24,10 @@ pub trait Twice: Copy {
     fn store(self, v: Self::Pair, to: &mut [[f32; 8]; 2]);
     /// For each row a number eight times.
     fn each(self, v: [f32; 2]) -> Self::Pair;
+    /// a + b.
+    fn add(self, a: Self::Pair, b: Self::Pair) -> Self::Pair;
+    /// a - b.
+    fn sub(self, a: Self::Pair, b: Self::Pair) -> Self::Pair;
     /// a b.
     fn mul(self, a: Self::Pair, b: Self::Pair) -> Self::Pair;
     /// a b + c, fused where that is one instruction.
@@ -36,6 +40,8 @@ pub trait Twice: Copy {
     fn magnitude(self, a: Self::Pair) -> Self::Pair;
     /// One bit per number: whether a < b.
     fn below(self, a: Self::Pair, b: Self::Pair) -> u16;
+    /// One bit per number: its sign, also that of a zero.
+    fn signs(self, a: Self::Pair) -> u16;
     /// x where a < b, else y.
     fn select_below(self, a: Self::Pair, b: Self::Pair, x: Self::Pair, y: Self::Pair)
     -> Self::Pair;
@@ -114,6 +120,14 @@ impl<L: Lanes> Twice for Rows<L> {
         [self.0.splat(v[0]), self.0.splat(v[1])]
     }
     #[inline(always)]
+    fn add(self, a: [L::F; 2], b: [L::F; 2]) -> [L::F; 2] {
+        [self.0.add(a[0], b[0]), self.0.add(a[1], b[1])]
+    }
+    #[inline(always)]
+    fn sub(self, a: [L::F; 2], b: [L::F; 2]) -> [L::F; 2] {
+        [self.0.sub(a[0], b[0]), self.0.sub(a[1], b[1])]
+    }
+    #[inline(always)]
     fn mul(self, a: [L::F; 2], b: [L::F; 2]) -> [L::F; 2] {
         [self.0.mul(a[0], b[0]), self.0.mul(a[1], b[1])]
     }
@@ -140,6 +154,10 @@ impl<L: Lanes> Twice for Rows<L> {
     fn below(self, a: [L::F; 2], b: [L::F; 2]) -> u16 {
         let [low, high] = [self.0.below(a[0], b[0]), self.0.below(a[1], b[1])];
         u16::from(low) | u16::from(high) << 8
+    }
+    #[inline(always)]
+    fn signs(self, a: [L::F; 2]) -> u16 {
+        u16::from(self.0.signs(a[0])) | u16::from(self.0.signs(a[1])) << 8
     }
     #[inline(always)]
     fn select_below(self, a: [L::F; 2], b: [L::F; 2], x: [L::F; 2], y: [L::F; 2]) -> [L::F; 2] {

@@ -23,15 +23,16 @@ mod periods;
 mod scales;
 mod sides;
 use kernel::{Function, RangeWork, RowWork, Rule, SignWork, WIDEST};
-use leaves::LeavesWork;
 use periods::{Periods, grid};
 use scales::Scales;
 use sides::SidesWork;
 
 /// Root mean square, in voxels, by which interpolated scales may change distances in the band.
-const TOLERANCE: f64 = 0.0025;
+const TOLERANCE: f64 = 0.004;
 /// The greatest such change.
-const MOST: f64 = 0.03;
+const MOST: f64 = 0.06;
+/// How many voxels apart the places of tables of scales are that are tried.
+const APART: [f64; 2] = [1.5, 1.0];
 /// Longest Newton steps, radians, that sines and cosines can follow.
 const FURTHEST: f64 = 2.2;
 /// Leaves on which the nodes are tried out.
@@ -98,8 +99,14 @@ impl Aligned {
             slope_rms,
             scales: Scales::of_every_sample(),
         };
-        let table = Scales::new(&aligned.function, h);
-        let mut few = [4, 5, 6].into_iter().map(|n| table.clone().with_nodes(n));
+        let function = &aligned.function;
+        let tables = APART.map(|apart| Scales::new(function, h, apart));
+        let mut few = (4..=scales::MOST).flat_map(|n| {
+            tables
+                .iter()
+                .flatten()
+                .map(move |t| t.clone().with_nodes(n))
+        });
         let found = few.find(|scales| aligned.suffice(scales)).or_else(|| {
             let local = Scales::local(&aligned.function, h)?;
             aligned.suffice(&local).then_some(local)
@@ -138,19 +145,15 @@ impl Aligned {
     /// Distances at 8^3 samples, to the solid or, not cut off at the box, to the zero set of F.
     fn leaf(&self, scales: &Scales, is_cut: bool, origin: WorldPoint, step: f64) -> [f32; 512] {
         let mut values = [[0.0; 512]];
-        lanes::run(LeavesWork {
-            function: &self.function,
-            scales,
-            is_cut,
-            leaves: &mut Leaves {
-                origins: &[origin],
-                step,
-                by: 0.0,
-                background: self.function.rule.half_width,
-                values: &mut values,
-                bits: &mut [LeafBits::default()],
-            },
-        });
+        let leaves = &mut Leaves {
+            origins: &[origin],
+            step,
+            by: 0.0,
+            background: self.function.rule.half_width,
+            values: &mut values,
+            bits: &mut [LeafBits::default()],
+        };
+        leaves::fill(&self.function, scales, is_cut, leaves);
         values[0]
     }
 
@@ -166,12 +169,7 @@ impl Aligned {
         if furthest > self.function.rule.half_width * ROUNDED || !self.is_fine(leaves.step) {
             return None;
         }
-        lanes::run(LeavesWork {
-            function: &self.function,
-            scales: &self.scales,
-            is_cut: self.is_cut(),
-            leaves,
-        });
+        leaves::fill(&self.function, &self.scales, self.is_cut(), leaves);
         Some(512 * leaves.origins.len() as u64)
     }
 

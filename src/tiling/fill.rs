@@ -54,8 +54,9 @@ impl<F: Filling> TiledSolid<'_, F> {
         // But for single precision.
         let within = self.options.half_width * (1.0 - 1e-6);
         let mut looked = 0;
-        let bits = leaves.bits.iter_mut();
-        for ((&origin, values), bits) in leaves.origins.iter().zip(&mut *leaves.values).zip(bits) {
+        let mut kept = 0;
+        for (&origin, bits) in leaves.origins.iter().zip(leaves.bits.iter_mut()) {
+            let values = leaves.values.get_mut(kept)?;
             let lattice = SampleLattice {
                 origin,
                 step: leaves.step,
@@ -67,6 +68,7 @@ impl<F: Filling> TiledSolid<'_, F> {
                 settled: is_settled && f64::from(leaves.background) >= within,
                 ..LeafBits::look_at(values, leaves.background)
             };
+            kept += usize::from(!bits.is_out());
         }
         Some(looked)
     }

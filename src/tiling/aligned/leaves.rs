@@ -11,20 +11,63 @@ use super::scales::{Axis, EVERY, LOCAL, MOST, Scales, sharing};
 use crate::cell::Column;
 use crate::field::{LeafBits, Leaves};
 use crate::frame::WorldPoint;
-use crate::lanes::{Lanes, Twice, Work};
+use crate::lanes::{self, Code, Lanes, Twice, Work};
+use std::cell::Cell;
 
-/// Leaves along z whose samples' functions are kept.
+/// Leaves along each axis whose samples' functions are kept: those of a block.
 const KEPT: usize = 16;
 /// A little more than a voxel's diagonal, voxels: by so much distances to the box of neighbours differ.
 const DIAGONAL: f32 = 1.7321;
 
+/// What is kept of leaves along the axes from one group of leaves to the next.
+struct Axes {
+    /// What they hold for: the scales, the distance of samples, the processor's code.
+    held: (u64, f64, Code),
+    /// By the leaf's place along each of the three.
+    along: Vec<[Axis; 3]>,
+}
+
+impl Axes {
+    /// Nothing.
+    fn new(held: (u64, f64, Code)) -> Self {
+        Self {
+            held,
+            along: vec![[Axis::NONE; 3]; KEPT],
+        }
+    }
+}
+
+thread_local! {
+    static AXES: Cell<Option<Axes>> = Cell::default();
+}
+
+/// Fills leaves; `is_cut`: the solid ends at the box.
+pub(super) fn fill(
+    function: &Function,
+    scales: &Scales,
+    is_cut: bool,
+    leaves: &mut Leaves<'_, WorldPoint>,
+) {
+    let held = (scales.number(), leaves.step, lanes::code());
+    let kept = AXES.take().filter(|axes| axes.held == held);
+    let mut axes = kept.unwrap_or_else(|| Axes::new(held));
+    lanes::run(LeavesWork {
+        function,
+        scales,
+        is_cut,
+        leaves,
+        axes: &mut axes,
+    });
+    AXES.set(Some(axes));
+}
+
 /// Leaves to be filled.
-pub(super) struct LeavesWork<'a, 'b> {
-    pub function: &'a Function,
-    pub scales: &'a Scales,
-    /// Whether the solid ends at the box.
-    pub is_cut: bool,
-    pub leaves: &'a mut Leaves<'b, WorldPoint>,
+struct LeavesWork<'a, 'b> {
+    function: &'a Function,
+    scales: &'a Scales,
+    is_cut: bool,
+    leaves: &'a mut Leaves<'b, WorldPoint>,
+    axes: &'a mut Axes,
 }
 
 impl Work for LeavesWork<'_, '_> {
@@ -36,42 +79,44 @@ impl Work for LeavesWork<'_, '_> {
             scales,
             is_cut,
             leaves,
+            axes,
         } = self;
         let (step, by, background) = (leaves.step, leaves.by, leaves.background);
-        let mut across = [Axis::NONE; 2];
-        let mut along = [Axis::NONE; KEPT];
         let mut column = Column::default();
-        let places = leaves.values.iter_mut().zip(leaves.bits.iter_mut());
-        for (origin, (values, bits)) in leaves.origins.iter().zip(places) {
-            let mut is_new = false;
-            for axis in 0..2 {
-                if across[axis].origin != origin.0[axis] {
-                    across[axis] = scales.axis(l, function, axis, origin.0[axis], step);
-                    is_new = true;
+        let mut column_at = [f64::NAN; 2];
+        let mut kept = 0;
+        for (origin, bits) in leaves.origins.iter().zip(leaves.bits.iter_mut()) {
+            let mut places = [0; 3];
+            for axis in 0..3 {
+                let x = origin.0[axis];
+                let place = (x / (8.0 * step) + 0.5).floor() as i64 as usize;
+                places[axis] = place % KEPT;
+                let along = &mut axes.along[place % KEPT][axis];
+                if along.origin != x {
+                    *along = scales.axis(l, function, axis, x, step);
                 }
             }
-            let [x, y] = &across;
-            if is_new {
+            let [x, y, z] = [0, 1, 2].map(|axis| &axes.along[places[axis]][axis]);
+            if column_at != [x.origin, y.origin] {
                 let products = &function.products;
                 products.column(l, &x.along, &y.along, &mut column);
+                column_at = [x.origin, y.origin];
             }
-            let place = (origin.0.z / (8.0 * step) + 0.5) as i64 as usize;
-            let z = &mut along[place % KEPT];
-            if z.origin != origin.0.z {
-                *z = scales.axis(l, function, 2, origin.0.z, step);
-            }
-            let Some(rows) = values.as_chunks_mut().0.first_chunk_mut() else {
-                continue;
+            let values = leaves.values.get_mut(kept);
+            let Some(rows) = values.and_then(|v| v.as_chunks_mut().0.first_chunk_mut()) else {
+                break;
             };
             function.products.values(l, &column, &z.along, rows);
+            let beyond = [x.outermost(), y.outermost(), z.outermost()];
+            let outermost = beyond[0].max(beyond[1]).max(beyond[2]);
             let sweep = Sweep {
                 function,
                 scales,
                 by,
                 background,
                 at: [x, y, z],
+                at_edge: beyond.into_iter().filter(|&b| b > 0.0).count() > 1,
             };
-            let outermost = x.outermost().max(y.outermost()).max(z.outermost());
             let ends = is_cut && outermost > by - background;
             *bits = match (scales.nodes(), ends) {
                 (4, false) => sweep.run::<L, 4, false>(l, rows),
@@ -90,6 +135,7 @@ impl Work for LeavesWork<'_, '_> {
             if is_cut && background <= reach && outermost > by - background - reach {
                 bits.settled = false;
             }
+            kept += usize::from(!bits.is_out());
         }
     }
 }
@@ -102,6 +148,8 @@ struct Sweep<'a> {
     by: f32,
     background: f32,
     at: [&'a Axis; 3],
+    /// Whether samples may lie outside of two faces of the box.
+    at_edge: bool,
 }
 
 impl Sweep<'_> {
@@ -118,6 +166,7 @@ impl Sweep<'_> {
             by,
             background,
             at,
+            at_edge,
         } = *self;
         let [x, y, z] = at;
         let rule = &function.rule;
@@ -130,7 +179,6 @@ impl Sweep<'_> {
         // surface: at it the field lies between 0 and `by` times its greatest slope.
         let middle = 0.5 * by / rule.least;
         let (less, reach) = (same(-middle), same(rule.reach + middle.abs()));
-        let one = same(1.0);
         let beyond = same((background + by.abs()) / rule.least);
         let mut planes = [[zero; N]; 4];
         let mut along_z = [l.splat(0.0); crate::cell::FUNCTIONS];
@@ -147,8 +195,9 @@ impl Sweep<'_> {
             finite: true,
             ..LeafBits::default()
         };
-        // The greatest distances where the field is such that a neighbour may have the other sign.
-        let mut doubt = zero;
+        // Above 0 as long as no sample is such that a neighbour may have the other sign, without being
+        // within the band.
+        let mut doubt = limit;
         for (i, slab) in rows.as_chunks_mut::<8>().0.iter_mut().enumerate() {
             let (from, shares) = Scales::shares::<L, N>(l, x, i);
             let (mut negative, mut within) = (0, 0);
@@ -174,36 +223,49 @@ impl Sweep<'_> {
                 s = two.max(s, least);
                 let mut d = two.fused(f, s, back);
                 let mut size = two.magnitude(d);
-                let off = two.magnitude(two.fused(f, one, less));
-                doubt = two.max(doubt, two.select_below(off, reach, size, zero));
+                let off = two.magnitude(two.add(f, less));
+                let free = two.max(two.sub(off, reach), two.sub(limit, size));
+                doubt = two.min(free, doubt);
                 if CUT {
-                    let (ox, oy) = (x.beyond[i & 7], [y.beyond[j], y.beyond[j + 1]]);
-                    let ends = [
-                        l.sub(to_box(l, ox, oy[0], outside_z), l.splat(by)),
-                        l.sub(to_box(l, ox, oy[1], outside_z), l.splat(by)),
-                    ];
-                    d = two.max(d, two.pair(ends));
+                    let (ox, oy) = (l.splat(x.beyond[i & 7]), [y.beyond[j], y.beyond[j + 1]]);
+                    let outside = oy.map(|oy| [ox, l.splat(oy), outside_z]);
+                    let ends = if at_edge {
+                        [to_box(l, outside[0]), to_box(l, outside[1])]
+                    } else {
+                        [outermost(l, outside[0]), outermost(l, outside[1])]
+                    };
+                    d = two.max(d, two.add(two.pair(ends), back));
                     size = two.magnitude(d);
                 }
                 d = two.min(two.max(d, minus), limit);
                 two.store(d, rows);
-                negative |= u64::from(two.below(d, zero)) << (8 * j);
-                within |= u64::from(two.below(size, limit)) << (8 * j);
+                // Signs of differences, since a mask of signs is one instruction, and one of comparisons
+                // is not. A zero added makes 0 of -0.
+                negative |= u64::from(two.signs(two.add(d, zero))) << (8 * j);
+                within |= u64::from(two.signs(two.sub(size, limit))) << (8 * j);
             }
             bits.negative[i & 7] = negative;
             bits.within[i & 7] = within;
         }
-        bits.settled = two.below(doubt, limit) == u16::MAX;
+        bits.settled = two.below(zero, doubt) == u16::MAX;
         bits
     }
 }
 
-/// Distances to the box of a row along z, from how far outside of it the coordinates lie.
+/// Distances to the box from how far outside of it the coordinates lie, also beyond its edges.
 #[inline(always)]
-fn to_box<L: Lanes>(l: L, x: f32, y: f32, z: L::F) -> L::F {
+fn to_box<L: Lanes>(l: L, beyond: [L::F; 3]) -> L::F {
     let zero = l.splat(0.0);
-    let (ox, oy, oz) = (x.max(0.0), y.max(0.0), l.max(z, zero));
-    let across = l.max(l.splat(x.max(y)), z);
-    let outside = l.add(l.splat(ox * ox + oy * oy), l.mul(oz, oz));
-    l.add(l.sqrt(outside), l.min(across, zero))
+    let mut square = zero;
+    for coordinate in beyond {
+        let outside = l.max(coordinate, zero);
+        square = l.fused(outside, outside, square);
+    }
+    l.add(l.sqrt(square), l.min(outermost(l, beyond), zero))
+}
+
+/// The same where no two of the coordinates lie outside.
+#[inline(always)]
+fn outermost<L: Lanes>(l: L, [x, y, z]: [L::F; 3]) -> L::F {
+    l.max(l.max(x, y), z)
 }

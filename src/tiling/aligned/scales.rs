@@ -15,6 +15,7 @@ use super::kernel::{Function, scale, splatted, stored};
 use super::periods::EACH;
 use crate::cell::{Along, FUNCTIONS};
 use crate::lanes::{Lanes, Pair, Twice, Work};
+use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Nodes along an axis where every sample is one.
 pub(super) const EVERY: usize = 12;
@@ -22,13 +23,22 @@ pub(super) const EVERY: usize = 12;
 pub(super) const MOST: usize = 6;
 /// Nodes along an axis where four have a share in a sample.
 pub(super) const LOCAL: usize = 11;
+/// Places of a table, of which the nodes along an axis are some, all of which follow each other.
+const SPREAD: usize = 16;
 /// Least and most places of the lattice along an axis. Multiples of eight, so that the middles between
 /// them are far from the points of special symmetry, at which slopes vanish and scales leap.
 const PLACES: [f64; 2] = [16.0, 64.0];
+/// Fewest voxels of a period, of which a leaf's nodes lie among [`SPREAD`] places.
+const FEWEST: f64 = 10.0;
+
+/// The number of the next scales.
+static NEXT: AtomicU64 = AtomicU64::new(0);
 
 /// Scales over one period, and of how many of them along an axis those of a leaf are made.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Scales {
+    /// No others have this number.
+    number: u64,
     /// Places along each axis.
     counts: [usize; 3],
     /// Places from the beginning of each row along z that come again at its end.
@@ -78,18 +88,24 @@ impl Scales {
     /// No table: every sample has its own scale.
     pub fn of_every_sample() -> Self {
         Self {
+            number: NEXT.fetch_add(1, Ordering::Relaxed),
             nodes: EVERY,
             ..Self::default()
         }
     }
 
-    /// A table of places about a voxel apart, but not too many of them; from how many nodes leaves take
-    /// their scales is yet to be said.
-    pub fn new(function: &Function, voxel_size: f64) -> Self {
+    /// A table of places about so many voxels apart, but not too many of them; from how many nodes leaves take
+    /// their scales is yet to be said. None for cells of few voxels.
+    pub fn new(function: &Function, voxel_size: f64, apart: f64) -> Option<Self> {
         let voxels = (function.periods.rate * voxel_size).map(f64::recip);
         let [least, most] = PLACES;
-        let count = |axis: usize| (voxels[axis].clamp(least, most) / 8.0).ceil() as usize * 8;
-        Self::with_places::<true>(function, [count(0), count(1), count(2)])
+        if voxels.min() < FEWEST {
+            return None;
+        }
+        let wanted = voxels.map(|v| (v / apart).clamp(least, most));
+        let count = |axis: usize| (wanted[axis] / 8.0).ceil() as usize * 8;
+        let table = Self::with_places::<true>(function, [count(0), count(1), count(2)]);
+        Some(table.going_on(SPREAD))
     }
 
     /// A table of places no nearer to each other than voxels, each sample's scale from the four places about
@@ -102,14 +118,22 @@ impl Scales {
         }
         let count = |axis: usize| (voxels[axis].min(most) / 8.0) as usize * 8;
         let table = Self::with_places::<false>(function, [count(0), count(1), count(2)]);
-        let rows = table.values.chunks_exact(table.counts[2]);
-        let values = rows.flat_map(|row| [row, &row[..LOCAL]].concat()).collect();
         Some(Self {
-            again: LOCAL,
-            values,
             nodes: LOCAL,
-            ..table
+            ..table.going_on(LOCAL)
         })
+    }
+
+    /// The table whose rows go on for so many places, so that those from any place on follow each other.
+    fn going_on(mut self, again: usize) -> Self {
+        let count = self.counts[2];
+        let rows = self.values.chunks_exact(count);
+        self.values = rows
+            .flat_map(|row| row.iter().cycle().take(count + again))
+            .copied()
+            .collect();
+        self.again = again;
+        self
     }
 
     /// A table of so many places along each axis; `SMOOTH` as of [`scale`].
@@ -130,6 +154,7 @@ impl Scales {
     /// The same table, with so many nodes along each axis of a leaf.
     #[must_use]
     pub fn with_nodes(mut self, nodes: usize) -> Self {
+        self.number = NEXT.fetch_add(1, Ordering::Relaxed);
         self.nodes = nodes;
         for (n, wanted) in self.wanted.iter_mut().enumerate() {
             // A little wider than the leaf.
@@ -137,6 +162,11 @@ impl Scales {
             *wanted = -1.08 * libm::cos(angle);
         }
         self
+    }
+
+    /// A number that no other scales have.
+    pub fn number(&self) -> u64 {
+        self.number
     }
 
     pub fn nodes(&self) -> usize {
@@ -250,7 +280,12 @@ impl Scales {
                 }
             }
             l.store(l.div(share, l.splat(whole)), &mut of.shares[n]);
-            of.nodes[n] = at[n].rem_euclid(self.counts[axis] as i64) as usize * stride;
+            let place = |node: i64| node.rem_euclid(self.counts[axis] as i64) as usize;
+            of.nodes[n] = if axis == 2 {
+                place(at[0]) + (at[n] - at[0]) as usize
+            } else {
+                place(at[n]) * stride
+            };
         }
     }
 
@@ -276,21 +311,35 @@ impl Scales {
         }
         let two = l.two();
         let none = two.each([0.0; 2]);
+        let mut ahead = [0; N];
+        for k in 0..N {
+            ahead[k] = z.nodes[k].wrapping_sub(z.nodes[0]) % SPREAD;
+        }
+        let mut along_y = [[none; N]; 4];
+        for v in 0..4 {
+            for j in 0..N {
+                along_y[v][j] = two.each([y.shares[j][2 * v], y.shares[j][2 * v + 1]]);
+            }
+        }
         let mut planes = [[none; N]; 4];
         for i in 0..N {
-            let mut rows = [zero; N];
+            let mut rows = [none; N];
             for j in 0..N {
-                let row = x.nodes[i].wrapping_add(y.nodes[j]);
+                let first = x.nodes[i].wrapping_add(y.nodes[j]).wrapping_add(z.nodes[0]);
+                let values = self.values.get(first..).and_then(|v| v.first_chunk());
+                let Some::<&[f32; SPREAD]>(values) = values else {
+                    continue;
+                };
+                let mut row = zero;
                 for k in 0..N {
-                    let value = self.values[row.wrapping_add(z.nodes[k])];
-                    rows[j] = l.fused(l.splat(value), along_z[k], rows[j]);
+                    row = l.fused(l.splat(values[ahead[k]]), along_z[k], row);
                 }
+                rows[j] = two.pair([row, row]);
             }
             for v in 0..4 {
                 let mut sum = none;
                 for j in 0..N {
-                    let shares = two.each([y.shares[j][2 * v], y.shares[j][2 * v + 1]]);
-                    sum = two.fused(shares, two.pair([rows[j], rows[j]]), sum);
+                    sum = two.fused(along_y[v][j], rows[j], sum);
                 }
                 planes[v][i] = sum;
             }
