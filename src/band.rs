@@ -110,6 +110,18 @@ impl Region {
         }
     }
 
+    /// What it has in common with another, of which it must have something.
+    #[must_use]
+    pub fn common(self, other: Self) -> Self {
+        let each = |choose: fn(i32, i32) -> i32, a: Coord, b: Coord| {
+            Coord([0, 1, 2].map(|axis| choose(a[axis], b[axis])))
+        };
+        Self {
+            min: each(i32::max, self.min, other.min),
+            max: each(i32::min, self.max, other.max),
+        }
+    }
+
     /// Origins, multiples of `edge`, of the cubes of so many voxels that share a voxel with it; ascending.
     pub fn cubes(self, edge: i32) -> impl Iterator<Item = Coord> {
         let Self { min, max } = self;

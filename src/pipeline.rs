@@ -17,7 +17,7 @@
 
 use crate::band::BandStats;
 use crate::progress::{Cancelled, Progress, Threads};
-use crate::recipe::{GridWord, OutputKind, Recipe};
+use crate::recipe::{OutputKind, Recipe};
 use crate::vdb::Tools;
 use std::path::{Path, PathBuf};
 use std::time::{Instant, SystemTime};
@@ -52,6 +52,7 @@ mod slices;
 mod source;
 mod standalone;
 mod stock;
+mod thickness;
 mod usda;
 mod varying;
 mod volumes;
@@ -77,6 +78,7 @@ pub use slices::{SliceOptions, Sliced, slice};
 
 use operate::Bench;
 use stock::Stock;
+use thickness::{Lattice, Measured, Thickness};
 
 /// How a recipe is run.
 #[derive(Clone, Debug, Default)]
@@ -188,10 +190,26 @@ pub fn run(
         voxels_evaluated: stats.voxels_evaluated,
         ..BandReport::default()
     };
+    let measured_mesh = mesh.as_ref().filter(|_| outputs.want_thickness());
+    let thickness = measured_mesh.map(|mesh| {
+        let measured = Measured {
+            lattice: Lattice {
+                origin: solid.origin(),
+                voxel_size: bench.scale.voxel_size,
+            },
+            active_voxels: info.active_voxels,
+            extent: mesh.bounds().size().max() / bench.scale.voxel_size,
+        };
+        let thickness = Thickness::of_mesh(bench, mesh, measured)?;
+        clock.lap("thickness")?;
+        Ok::<_, RunError>(thickness)
+    });
+    let thickness = thickness.transpose()?;
     let done = output::Finished {
         stock: &stock,
         solid: &solid,
         mesh: mesh.as_ref(),
+        thickness: thickness.as_ref(),
     };
     let mut written = Vec::new();
     for (output, path) in &outputs.files {
@@ -334,12 +352,12 @@ impl Targets<'_> {
     }
 
     fn want_a_mesh(&self) -> bool {
-        let thickness = |o: &crate::recipe::Output| {
-            let words = o.grids.as_deref().unwrap_or_default();
-            words.contains(&GridWord::Thickness)
-        };
         let mut all = self.files.iter().map(|(output, _)| output);
-        all.any(|o| o.mesh.is_some() || thickness(o))
+        self.want_thickness() || all.any(|o| o.mesh.is_some())
+    }
+
+    fn want_thickness(&self) -> bool {
+        self.files.iter().any(|(o, _)| o.holds_thickness())
     }
 }
 

@@ -69,13 +69,17 @@ impl Patch {
         }
     }
 
-    /// The same with other triangles over its vertices, without those that none has. Other patches must not
-    /// name these; a [`Welder`] finds out. `last` is the greatest x of the patches that come with it.
+    /// The same with other triangles over its vertices, without those that had triangles and have none.
+    /// Other patches must not name these; a [`Welder`] finds out. `last` is the greatest x of the patches
+    /// that come with it.
     #[must_use]
     pub fn with_triangles(&self, triangles: &[[u32; 3]], last: i32) -> Self {
-        let mut number = vec![None; self.vertices.len()];
-        for &v in triangles.as_flattened() {
-            number[v as usize] = Some(0);
+        // Only others name those that never had any.
+        let mut number = vec![Some(0); self.vertices.len()];
+        for (faces, name) in [(&self.faces[..], None), (triangles, Some(0))] {
+            for &v in faces.as_flattened() {
+                number[v as usize] = name;
+            }
         }
         let (mut vertices, mut owned) = (Vec::new(), 0);
         for (n, own) in number.iter_mut().enumerate().filter(|n| n.1.is_some()) {
@@ -96,7 +100,7 @@ impl Patch {
                 .filter_map(|&(knot, n)| Some((knot, number[n as usize]?)))
                 .collect(),
             upper: upper.filter_map(|(knot, n)| n.map(|_| *knot)).collect(),
-            reach: last.saturating_add(1),
+            reach: self.reach.max(last.saturating_add(1)),
         }
     }
 }

@@ -6,11 +6,11 @@ use super::error::RunError;
 use super::filling::{Fill, Filled};
 use super::operate::Bench;
 use super::stock::Stock;
-use super::wall::Thickness;
+use super::thickness::Thickness;
 use crate::cell::Table;
 use crate::frame::{Aabb, CellPoint, Element, Vec3, WorldPoint};
 use crate::io::VertexAttribute;
-use crate::mesh::{MeshSolid, TriMesh};
+use crate::mesh::MeshSolid;
 use crate::recipe::GridWord;
 use crate::scaffold::Scaffold;
 use crate::vdb::{Attribute, LevelSet};
@@ -20,7 +20,7 @@ use rayon::prelude::*;
 pub(super) struct Attributes<'a> {
     words: Vec<GridWord>,
     filling: Option<Filling<'a>>,
-    thickness: Option<Thickness>,
+    thickness: Option<&'a Thickness>,
     /// Factor on lengths: from the recipe's unit to the file's.
     factor: f32,
 }
@@ -34,12 +34,12 @@ struct Filling<'a> {
 }
 
 impl<'a> Attributes<'a> {
-    /// For the words that are numbers; `mesh` is the solid's, for its thickness.
+    /// For the words that are numbers; the solid's thickness where that is among them.
     pub fn new(
         bench: Bench,
         stock: &'a Stock,
         words: &[GridWord],
-        mesh: &TriMesh,
+        thickness: Option<&'a Thickness>,
         factor: f64,
     ) -> Result<Self, RunError> {
         let words: Vec<GridWord> = words.iter().filter(|w| w.is_attribute()).cloned().collect();
@@ -52,12 +52,6 @@ impl<'a> Attributes<'a> {
                 slack,
             }),
             _ => None,
-        };
-        let thickness = if words.contains(&GridWord::Thickness) {
-            let measure = || Thickness::new(mesh, bench.progress);
-            Some(bench.threads.install(measure)?)
-        } else {
-            None
         };
         Ok(Self {
             words,
@@ -86,7 +80,7 @@ impl<'a> Attributes<'a> {
             for word in &self.words {
                 match (word, &spot) {
                     (GridWord::Thickness, _) => {
-                        let t = self.thickness.as_ref().map_or(0.0, |t| t.at(p));
+                        let t = self.thickness.map_or(0.0, |t| t.at(p));
                         out.push(t * self.factor);
                     }
                     (GridWord::CellId, Some(_)) => out.push(greatest(weights.as_deref())),

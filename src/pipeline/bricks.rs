@@ -43,6 +43,7 @@ mod refusal;
 mod resample;
 mod segments;
 mod solid;
+mod thickness;
 mod volumes;
 mod voxels;
 mod walls;

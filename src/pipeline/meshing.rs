@@ -99,7 +99,7 @@ pub(super) fn write(
     }
     let factor = bench.scale.unit.to(unit);
     let wished = output.grids.as_deref().unwrap_or_default();
-    let attributes = Attributes::new(bench, done.stock, wished, plain, factor)?;
+    let attributes = Attributes::new(bench, done.stock, wished, done.thickness, factor)?;
     let numbers = attributes.at_vertices(bench, surface.view().vertices);
     let view = surface.view().scaled(factor).with_attributes(&numbers);
     facts.faces = view.faces.len() as u64;

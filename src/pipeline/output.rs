@@ -5,6 +5,7 @@ use super::error::RunError;
 use super::operate::Bench;
 use super::report::OutputFile;
 use super::stock::Stock;
+use super::thickness::Thickness;
 use crate::frame::{Aabb, LengthUnit, Transform};
 use crate::io::atomic::{StagedPath, write_bytes};
 use crate::mesh::TriMesh;
@@ -27,6 +28,8 @@ pub(super) struct Finished<'a> {
     pub solid: &'a LevelSet,
     /// Its mesh, where any output needs one.
     pub mesh: Option<&'a TriMesh>,
+    /// Its thickness, where any output holds it.
+    pub thickness: Option<&'a Thickness>,
 }
 
 /// Writes one output and says what was written.
@@ -279,9 +282,7 @@ fn volume(
     let fog = words.contains(&GridWord::Density);
     let fog = fog.then(|| done.solid.to_fog(bench.session()));
     let fog = fog.transpose().map_err(RunError::level_set("fog"))?;
-    let nothing = TriMesh::default();
-    let mesh = done.mesh.unwrap_or(&nothing);
-    let attributes = Attributes::new(bench, done.stock, &words, mesh, factor)?;
+    let attributes = Attributes::new(bench, done.stock, &words, done.thickness, factor)?;
     let numbers = attributes.grids(bench, done.solid)?;
     let staged = StagedPath::create(path)?;
     let mut file = vdb_file(bench, done.stock, output, path)?;

@@ -23,7 +23,8 @@ impl<T: Copy + Send> Sites<T> {
         Self { sites }
     }
 
-    /// The site nearest to `centre` that is nearer than `reach` and `counts`.
+    /// The site nearest to `centre` that is nearer than `reach` and `counts`; of equally near ones that
+    /// with the least coordinates, so that the order in which sites were given does not matter.
     pub fn nearest_within(
         &self,
         centre: Vec3,
@@ -61,7 +62,13 @@ fn search<T: Copy>(
 ) {
     let consider = |site: &Site<T>, best: &mut (f64, Option<Site<T>>)| {
         let distance = (site.place - centre).norm_squared();
-        if distance < best.0 && counts(site) {
+        let is_before = |other: &Site<T>| {
+            let coordinates = |site: &Site<T>| -> [f64; 3] { site.place.into() };
+            coordinates(site) < coordinates(other)
+        };
+        let is_nearer =
+            distance < best.0 || distance == best.0 && best.1.as_ref().is_some_and(is_before);
+        if is_nearer && counts(site) {
             *best = (distance, Some(*site));
         }
     };
@@ -82,7 +89,7 @@ fn search<T: Copy>(
     };
     search(near, next, centre, counts, best);
     consider(root, best);
-    if offset * offset < best.0 {
+    if offset * offset <= best.0 {
         search(far, next, centre, counts, best);
     }
 }

@@ -68,7 +68,7 @@ pub(super) fn least_wall(
     progress: &dyn Progress,
 ) -> Result<Option<Wall>, Cancelled> {
     let found = balls(mesh, &spread(mesh, SAMPLES), widest(mesh), progress)?;
-    let walls = found.into_iter().filter_map(|(_, ball)| ball.inscribed());
+    let walls = found.into_iter().filter_map(Ball::inscribed);
     let sampled = Sampled {
         walls: walls.collect(),
         thicker: 0,
@@ -84,8 +84,8 @@ pub(super) fn sampled(
     progress: &dyn Progress,
 ) -> Result<Sampled, Cancelled> {
     let found = balls(mesh, samples, widest, progress)?;
-    let thicker = found.iter().filter(|(_, b)| *b == Ball::Wider).count();
-    let walls = found.into_iter().filter_map(|(_, ball)| ball.inscribed());
+    let thicker = found.iter().filter(|b| **b == Ball::Wider).count();
+    let walls = found.into_iter().filter_map(Ball::inscribed);
     Ok(Sampled {
         walls: walls.collect(),
         thicker,
@@ -104,19 +104,15 @@ fn spread(mesh: &TriMesh, most: usize) -> Vec<u32> {
     (0..count as u32).step_by(stride).collect()
 }
 
-/// Vertices of a mesh, and the balls that touch it there.
+/// The balls that touch a mesh at some of its vertices.
 fn balls(
     mesh: &TriMesh,
     samples: &[u32],
     widest: f64,
     progress: &dyn Progress,
-) -> Result<Vec<(Vec3, Ball)>, Cancelled> {
-    let points = mesh.vertices();
-    let outward = mesh.vertex_normals_by_area().into_iter();
-    let normals: Vec<Vec3> = outward.map(|n| -n).collect();
-    let sites = points.iter().zip(&normals);
-    let sites = sites.map(|(&place, &tag)| Site { place, tag });
-    let tree = Tree::new(sites.collect());
+) -> Result<Vec<Ball>, Cancelled> {
+    let points: Vec<SurfacePoint> = points(mesh).collect();
+    let tree = Sites::new(points.clone());
     let first = (mesh.area() / mesh.triangles().len().max(1) as f64).sqrt();
     progress.stage("walls", Some(samples.len() as u64));
     samples
@@ -127,42 +123,27 @@ fn balls(
                 return Err(Cancelled);
             }
             progress.advance(1);
-            let (point, inward) = (points[s as usize], normals[s as usize]);
-            Ok((point, ball_at(point, inward, &tree, [first, widest])))
+            Ok(ball_at(points[s as usize], &tree, [first, widest]))
         })
         .collect()
 }
 
-/// The full local thickness of a solid, by the nearest place of its surface where a ball is inscribed.
-pub(super) struct Thickness(Sites<f32>);
+/// A point of a surface and its normal into the solid.
+pub(super) type SurfacePoint = Site<Vec3>;
 
-/// Places at which it is measured at most.
-const PLACES: usize = 400_000;
-
-impl Thickness {
-    /// Measures it over a closed mesh.
-    pub fn new(mesh: &TriMesh, progress: &dyn Progress) -> Result<Self, Cancelled> {
-        let found = balls(mesh, &spread(mesh, PLACES), widest(mesh), progress)?.into_iter();
-        let sites = found.filter_map(|(place, ball)| {
-            let tag = ball.inscribed()?.thickness as f32;
-            Some(Site { place, tag })
-        });
-        Ok(Self(Sites::new(sites.collect())))
-    }
-
-    /// In the mesh's unit; 0 if no ball is inscribed anywhere.
-    pub fn at(&self, p: Vec3) -> f32 {
-        let nearest = self.0.nearest_within(p, f64::INFINITY, |_| true);
-        nearest.map_or(0.0, |site| site.tag)
-    }
+/// The vertices of a mesh with their normals into the solid.
+pub(super) fn points(mesh: &TriMesh) -> impl Iterator<Item = SurfacePoint> {
+    let normals = mesh.vertex_normals_by_area().into_iter();
+    let vertices = mesh.vertices().iter().zip(normals);
+    vertices.map(|(&place, outward)| Site {
+        place,
+        tag: -outward,
+    })
 }
-
-/// Points of a surface with the normals into the solid.
-type Tree = Sites<Vec3>;
 
 /// What ball touches the surface at a point.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Ball {
+pub(super) enum Ball {
     /// One that is inscribed between opposite contacts.
     Inscribed(Wall),
     /// The surface reaches into it.
@@ -180,8 +161,15 @@ impl Ball {
     }
 }
 
-/// The ball that touches at `p`, with a radius between these two (the second is not looked beyond).
-fn ball_at(p: Vec3, inward: Vec3, tree: &Tree, [first, widest]: [f64; 2]) -> Ball {
+/// The ball that touches at a point, with a radius between these two (the second is not looked beyond).
+pub(super) fn ball_at(
+    SurfacePoint {
+        place: p,
+        tag: inward,
+    }: SurfacePoint,
+    tree: &Sites<Vec3>,
+    [first, widest]: [f64; 2],
+) -> Ball {
     if inward == Vec3::zeros() {
         return Ball::Pierced;
     }

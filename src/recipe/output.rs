@@ -191,6 +191,12 @@ impl Output {
         self.merging() > 0.0 || self.quads || self.sharp || self.mesher == Some(MesherWord::OpenVdb)
     }
 
+    /// Whether it holds the local thickness.
+    pub fn holds_thickness(&self) -> bool {
+        let words = self.grids.as_deref().unwrap_or_default();
+        words.contains(&GridWord::Thickness)
+    }
+
     /// Whether the vertices of a mesh of OpenVDB's are moved onto the exact field.
     pub fn moves_open_vdb(&self) -> bool {
         self.is_meshed_by_openvdb() && (self.project || self.sharp)

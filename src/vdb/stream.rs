@@ -25,8 +25,8 @@ pub enum Streamed<'a> {
     Surface(&'a LeafStore),
     /// Its fog.
     Fog(&'a StoredFog<'a>),
-    /// Numbers that go with its active voxels.
-    Numbers(&'a LeafStore, &'a NumberStore),
+    /// Numbers that go with its active voxels, and a factor on them: of lengths that to the file's unit.
+    Numbers(&'a LeafStore, &'a NumberStore, f32),
 }
 
 /// A node of 4096^3 voxels: 512 words each of slots that hold a block, and of tiles that are inside.
@@ -132,7 +132,7 @@ impl Streamed<'_> {
     /// The level set that it goes with.
     fn shape(&self) -> &LeafStore {
         match self {
-            Self::Surface(store) | Self::Numbers(store, _) => store,
+            Self::Surface(store) | Self::Numbers(store, ..) => store,
             Self::Fog(fog) => fog.store(),
         }
     }
@@ -140,7 +140,7 @@ impl Streamed<'_> {
     /// Leaves with an active voxel.
     fn leaves(&self) -> u64 {
         match self {
-            Self::Surface(store) | Self::Numbers(store, _) => store.leaves(),
+            Self::Surface(store) | Self::Numbers(store, ..) => store.leaves(),
             Self::Fog(fog) => fog.leaves(),
         }
     }
@@ -157,9 +157,9 @@ impl Streamed<'_> {
                 hash.leaf(origin.0, mask, half, scaled);
                 Ok(())
             })?,
-            Self::Numbers(store, numbers) => {
+            Self::Numbers(store, numbers, factor) => {
                 numbers.for_each_leaf(store, progress, |origin, mask, own| {
-                    hash.leaf(origin.0, mask, half, own.iter().copied());
+                    hash.leaf(origin.0, mask, half, own.iter().map(|v| v * factor));
                 })?;
             }
             Self::Fog(fog) => {
@@ -186,7 +186,7 @@ impl Streamed<'_> {
         let (bounds, active_voxels, values) = match self {
             Self::Surface(store) => (store.bounds(), store.active_voxels(), 1),
             Self::Fog(fog) => (fog.bounds(), fog.active_voxels(), 1),
-            Self::Numbers(store, numbers) => {
+            Self::Numbers(store, numbers, _) => {
                 (store.bounds(), store.active_voxels(), numbers.width())
             }
         };
@@ -217,7 +217,7 @@ impl Streamed<'_> {
                 });
                 (uppers.collect(), store.inside_uppers())
             }
-            Self::Numbers(store, _) => {
+            Self::Numbers(store, ..) => {
                 let uppers = store.uppers().map(|u| Upper {
                     origin: u.origin,
                     children: u.children.clone(),
@@ -231,28 +231,27 @@ impl Streamed<'_> {
 
     /// The leaves of a block, in the file's unit.
     fn block(&self, origin: Coord, factor: f32) -> Result<BlockLeaves, LeafFileError> {
-        let (numbers, store) = match self {
+        let (numbers, store, factor) = match self {
             Self::Fog(fog) => return fog.block(origin),
-            Self::Surface(store) => (None, store),
-            Self::Numbers(store, numbers) => (Some(numbers), store),
+            Self::Surface(store) => (None, store, factor),
+            Self::Numbers(store, numbers, own) => (Some(numbers), store, *own),
         };
         let LeafBatch {
             origins,
             masks,
             values,
         } = store.read(origin, Region::EVERYWHERE)?;
-        let values = if let Some(numbers) = numbers {
+        let mut values = if let Some(numbers) = numbers {
             drop(values);
             spread(&masks, &numbers.read(origin)?, numbers.width())
         } else {
-            let mut values = values.into_flattened();
-            if factor != 1.0 {
-                for v in &mut values {
-                    *v *= factor;
-                }
-            }
-            values
+            values.into_flattened()
         };
+        if factor != 1.0 {
+            for v in &mut values {
+                *v *= factor;
+            }
+        }
         Ok(BlockLeaves {
             origins,
             masks,

@@ -19,6 +19,8 @@ mod runs;
 #[cfg(feature = "vdb")]
 mod stops;
 #[cfg(feature = "vdb")]
+mod thickness;
+#[cfg(feature = "vdb")]
 mod voxels;
 
 fn head(brick: u64) -> LeafFileHead {

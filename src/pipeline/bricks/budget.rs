@@ -6,6 +6,7 @@ use super::super::estimate::{
 };
 use super::super::memory;
 use super::super::stock::Stock;
+use super::super::thickness::HALO;
 use super::super::voxels::Voxels;
 use super::meshes::UNTANGLED;
 use super::reach::{coarser_copies, passes, removal_halo, resamplings, wants_segments, widest};
@@ -25,6 +26,11 @@ const ASIDE: f64 = (32u64 << 20) as f64;
 const PER_THREAD: f64 = (14u64 << 20) as f64;
 /// Memory of a point while a brick is meshed; 73 to 79 bytes were found.
 const PER_POINT: f64 = 90.0;
+/// Memory of a point of the surface while thickness is measured: the point itself as a place and in the tree,
+/// and what waits for wider balls.
+const PER_PLACE: f64 = 110.0;
+/// Memory of the places where thickness was measured, at most.
+const PLACES: f64 = (24u64 << 20) as f64;
 /// Trees that OpenVDB's mesher has beside the one it meshes: a copy, signs and places of cells.
 const QUAD_TREES: f64 = 2.5;
 /// Memory of a point of its mesh, with the patch that is made of it.
@@ -85,13 +91,23 @@ pub(crate) fn needs(stock: &Stock, threads: &Threads, counts: &Counts, edge: u32
     let leaf = LEAF_BYTES * (1.0 + trees) + (point + fewer + numbers) * points;
     let meshed = leaves(f64::from(around)) * leaf;
     let mut outputs = stock.recipe.sections().output.iter();
-    let moved = if outputs.any(Output::moves_open_vdb) {
-        let leaf = LEAF_BYTES * (1.0 + QUAD_TREES) + (PER_MOVED + numbers) * points;
+    let moves = outputs.clone().any(Output::moves_open_vdb);
+    let by_blocks = |o: &Output| o.is_meshed_by_openvdb() && o.decimate.is_some();
+    let moved = if moves || outputs.any(by_blocks) {
+        let point = if moves { PER_MOVED } else { PER_QUAD_POINT };
+        let leaf = LEAF_BYTES * (1.0 + QUAD_TREES) + (point + fewer + numbers) * points;
         let of_block = f64::from(LevelSet::quad_halo(0.0) + UNTANGLED);
         let block = in_cube(1.0 + 2.0 * of_block / 128.0) * leaf;
         leaves(f64::from(around)) * LEAF_BYTES + block
     } else {
         0.0
+    };
+    let mut outputs = stock.recipe.sections().output.iter();
+    let (walls, places) = if outputs.any(Output::holds_thickness) {
+        let leaf = LEAF_BYTES + (PER_POINT + PER_PLACE) * points;
+        (leaves(f64::from(HALO + 2 * LEAF)) * leaf, PLACES)
+    } else {
+        (0.0, 0.0)
     };
     let divided = if wants_segments(stock.recipe) {
         // Parts of others, and a place for each leaf.
@@ -124,9 +140,10 @@ pub(crate) fn needs(stock: &Stock, threads: &Threads, counts: &Counts, edge: u32
         .max(divided)
         .max(meshed)
         .max(moved)
+        .max(walls)
         .max(seen)
         .max(written + placed);
-    (base + chosen + greatest) as u64
+    (base + chosen + places + greatest) as u64
 }
 
 /// Voxels around a brick that OpenVDB's mesher looks at, if any output is its.

@@ -6,6 +6,7 @@ use super::super::{Clock, Parts, Targets, output};
 use super::Yard;
 use super::measure::{measure, picture};
 use super::meshes::Meshes;
+use super::thickness::thickness;
 use super::volumes::Volumes;
 use super::walls::least_wall;
 use crate::vdb::stored_components;
@@ -25,7 +26,15 @@ pub(super) fn gather(
     let bench = solid.bricks.bench(yard, yard.progress);
     let pieces = stored_components(&solid.store, bench.scale.voxel_size, bench.session())?;
     clock.lap("pieces")?;
-    let mut meshes = Meshes::create(yard, &solid.bricks, targets)?;
+    let thickness = if targets.want_thickness() {
+        let thickness = thickness(yard, &solid)?;
+        clock.lap("thickness")?;
+        Some(thickness)
+    } else {
+        None
+    };
+    let thickness = thickness.as_ref();
+    let mut meshes = Meshes::create(yard, &solid.bricks, targets, thickness)?;
     let found = measure(yard, &solid, &mut meshes)?;
     let mut meshes = meshes.commit()?;
     clock.lap("mesh")?;
@@ -36,7 +45,7 @@ pub(super) fn gather(
         clock.lap("walls")?;
         wall
     };
-    let volumes = Volumes::new(yard, &solid, found.frame)?;
+    let volumes = Volumes::new(yard, &solid, found.frame, thickness)?;
     if volumes.are_many() {
         clock.lap("grids")?;
     }

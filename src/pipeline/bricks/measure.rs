@@ -43,9 +43,7 @@ pub(super) fn measure(
     let quiet = Quiet(yard.progress);
     let bench = bricks.bench(yard, &quiet);
     let failed = RunError::level_set("mesh");
-    let corners = store.bounds().into_iter().flatten();
-    let far = corners.flat_map(|c| c.0).map(i32::unsigned_abs).max();
-    let far = f64::from(far.unwrap_or(0)) * bench.scale.voxel_size;
+    let far = solid.far();
     let halo = files.halo();
     // Patches weld from the upper ones down.
     for brick in (0..count).rev() {

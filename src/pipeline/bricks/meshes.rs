@@ -9,6 +9,7 @@ use super::super::meshing::farthest;
 use super::super::operate::Bench;
 use super::super::report::MeshFacts;
 use super::super::shape::{Shape, shape};
+use super::super::thickness::Thickness;
 use super::Yard;
 use super::later::part;
 use super::solid::{Bricks, StoredSolid};
@@ -16,7 +17,7 @@ use crate::band::{BLOCK, LEAF, Region};
 use crate::field::WorldField;
 use crate::frame::{Coord, LengthUnit};
 use crate::io::{BeamLattice, Faces, MeshPart, MeshStream, write_beams};
-use crate::mesh::{Projected, Projection, TriMesh};
+use crate::mesh::{Projected, Projection};
 use crate::mesher::{Patch, Welder};
 use crate::recipe::{Output, OutputKind, Scale};
 use crate::vdb::{LevelSet, VdbError};
@@ -51,6 +52,8 @@ enum Way {
         /// Onto the field, and onto its creases.
         moves: Option<Projection>,
         is_cut: bool,
+        /// Of the triangles.
+        fewer: Option<Wish>,
         welder: Welder,
     },
 }
@@ -124,6 +127,7 @@ impl MeshOut<'_> {
             adaptivity,
             moves,
             is_cut,
+            fewer,
             welder,
         } = &mut self.way
         else {
@@ -145,7 +149,10 @@ impl MeshOut<'_> {
         }
         let patch = share.patch(&mesh);
         if *is_cut {
-            let patch = patch.into_triangles();
+            let mut patch = patch.into_triangles();
+            if let Some(wish) = *fewer {
+                patch = decimated_patch(&patch, wish, last)?;
+            }
             let numbered = weld(welder, &patch)?;
             self.add(bench, &patch, (&numbered, error))
         } else {
@@ -165,6 +172,7 @@ impl Way {
                     sharp: output.sharp,
                 }),
                 is_cut: !output.quads,
+                fewer: output.decimate.as_ref().map(|d| Wish::new(d, scale)),
                 welder: Welder::default(),
             };
         }
@@ -181,11 +189,15 @@ impl Way {
 
 impl<'a> Meshes<'a> {
     /// Begins all files.
-    pub fn create(yard: &Yard<'a>, bricks: &Bricks, targets: &Targets) -> Result<Self, RunError> {
+    pub fn create(
+        yard: &Yard<'a>,
+        bricks: &Bricks,
+        targets: &Targets,
+        thickness: Option<&'a Thickness>,
+    ) -> Result<Self, RunError> {
         let recipe = yard.stock.recipe;
         let bench = bricks.bench(yard, yard.progress);
         let (mut outs, mut beams) = (Vec::new(), Vec::new());
-        let nothing = TriMesh::default();
         for (output, path) in targets.of(OutputKind::Mesh) {
             let unit = output.unit_or_default(recipe.unit());
             let factor = recipe.unit().to(unit);
@@ -199,7 +211,7 @@ impl<'a> Meshes<'a> {
                 continue;
             }
             let words = output.grids.as_deref().unwrap_or_default();
-            let attributes = Attributes::new(bench, yard.stock, words, &nothing, factor)?;
+            let attributes = Attributes::new(bench, yard.stock, words, thickness, factor)?;
             let is_exact = output.project || output.sharp;
             let moved = is_exact.then_some(0);
             outs.push(MeshOut {
@@ -295,7 +307,8 @@ impl<'a> Meshes<'a> {
     }
 
     /// The faces of OpenVDB's mesher. Which vertices may not move is known from faces around, and theirs:
-    /// where they move, that is decided block by block, so that nothing depends on the bricks.
+    /// where they move, or triangles become fewer, that is decided block by block, so that nothing depends on
+    /// the bricks.
     fn add_quads(
         &mut self,
         bench: Bench,
@@ -304,19 +317,30 @@ impl<'a> Meshes<'a> {
     ) -> Result<(), RunError> {
         let last = region.max[0];
         for out in &mut self.outs {
-            let Way::OpenVdb { moves, .. } = &out.way else {
+            let Way::OpenVdb {
+                adaptivity,
+                moves,
+                fewer,
+                ..
+            } = &out.way
+            else {
                 continue;
             };
-            if moves.is_none() {
-                out.add_share(bench, solid, None, (region, far, last))?;
-                continue;
-            }
+            let untangled = match (moves, fewer) {
+                (None, None) => {
+                    out.add_share(bench, solid, None, (region, far, last))?;
+                    continue;
+                }
+                (Some(_), _) => UNTANGLED,
+                (None, Some(_)) => 0,
+            };
+            let halo = LevelSet::quad_halo(*adaptivity).max(LevelSet::quad_halo(0.0) + untangled);
             let blocks: Vec<Coord> = stored.store.blocks_of(region).collect();
             for block in blocks.into_iter().rev() {
                 let own = Region::cube(block, BLOCK);
-                let around = own.grown(LevelSet::quad_halo(0.0) + UNTANGLED);
-                let part = part(bench, &stored.store, around, Coord([0; 3]))?;
-                out.add_share(bench, &part, self.exact.as_ref(), (own, far, last))?;
+                let part = part(bench, &stored.store, own.grown(halo), Coord([0; 3]))?;
+                let exact = self.exact.as_ref().filter(|_| out.is_exact);
+                out.add_share(bench, &part, exact, (own, far, last))?;
             }
         }
         Ok(())

@@ -3,13 +3,13 @@
 
 use super::super::attributes::Attributes;
 use super::super::error::RunError;
+use super::super::thickness::Thickness;
 use super::later::unfit;
 use super::solid::StoredSolid;
 use super::{Quiet, Yard, unwritten};
 use crate::band::{LeafBatch, NumberFileWriter, NumberStore, Region, StoreError};
 use crate::frame::{Coord, Transform};
 use crate::io::atomic::AtomicFile;
-use crate::mesh::TriMesh;
 use crate::progress::Cancelled;
 use crate::recipe::GridWord;
 use crate::vdb::FileError;
@@ -43,15 +43,18 @@ impl Yard<'_> {
     }
 
     /// Makes the numbers of some words at all active voxels, but for bricks whose numbers are there.
-    pub fn make_numbers(&self, words: &[GridWord], solid: &StoredSolid) -> Result<(), RunError> {
+    pub fn make_numbers(
+        &self,
+        words: &[GridWord],
+        solid: &StoredSolid,
+        thickness: Option<&Thickness>,
+    ) -> Result<(), RunError> {
         if words.is_empty() {
             return Ok(());
         }
         let quiet = Quiet(self.progress);
         let bench = solid.bricks.bench(self, &quiet);
-        // None of them is a length.
-        let nothing = TriMesh::default();
-        let attributes = Attributes::new(bench, self.stock, words, &nothing, 1.0)?;
+        let attributes = Attributes::new(bench, self.stock, words, thickness, 1.0)?;
         let count = solid.bricks.len();
         self.progress.stage("grids", Some(count as u64));
         for brick in 0..count {

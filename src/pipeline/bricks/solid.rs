@@ -4,8 +4,7 @@ use super::super::operate::Bench;
 use super::super::voxels::Voxels;
 use super::Yard;
 use super::plan::BrickPlan;
-
-use crate::band::{BLOCK, LeafStore, Region};
+use crate::band::{BLOCK, LEAF, LeafStore, Region};
 use crate::frame::Coord;
 use crate::progress::Progress;
 use crate::vdb::Tools;
@@ -25,6 +24,17 @@ pub(super) struct Bricks {
 pub(super) struct StoredSolid {
     pub bricks: Bricks,
     pub store: LeafStore,
+}
+
+impl StoredSolid {
+    /// The greatest coordinate of its leaves in magnitude, world units, as the mesher takes it for a whole.
+    pub fn far(&self) -> f64 {
+        let [min, max] = self.store.bounds().unwrap_or([Coord([0; 3]); 2]);
+        let ends = (0..3).flat_map(|a| [min.aligned(LEAF)[a], max.aligned(LEAF)[a] + LEAF]);
+        let size = self.bricks.voxels.scale.voxel_size;
+        let far = ends.map(|c| (f64::from(c) * size).abs());
+        far.fold(0.0, f64::max)
+    }
 }
 
 impl Bricks {

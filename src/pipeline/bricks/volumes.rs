@@ -4,6 +4,7 @@
 use super::super::error::RunError;
 use super::super::output;
 use super::super::report::OutputFile;
+use super::super::thickness::Thickness;
 use super::Yard;
 use super::reach::{coarser_copies, wants_segments};
 use super::solid::{Bricks, StoredSolid};
@@ -45,9 +46,14 @@ pub(super) struct Volumes<'a> {
 
 impl<'a> Volumes<'a> {
     /// Makes what all files have in common: fog and numbers, where any wants them.
-    pub fn new(yard: &'a Yard, solid: &'a StoredSolid, bounds: Aabb) -> Result<Self, RunError> {
+    pub fn new(
+        yard: &'a Yard,
+        solid: &'a StoredSolid,
+        bounds: Aabb,
+        thickness: Option<&Thickness>,
+    ) -> Result<Self, RunError> {
         let recipe = yard.stock.recipe;
-        yard.make_numbers(&attribute_words(recipe), solid)?;
+        yard.make_numbers(&attribute_words(recipe), solid, thickness)?;
         let bench = solid.bricks.bench(yard, yard.progress);
         let mut outputs = recipe.sections().output.iter();
         let wants_fog = outputs.any(|o| {
@@ -154,7 +160,12 @@ impl<'a> Volumes<'a> {
         }
         for (word, shape, own) in &numbers {
             file.attribute(&word.to_string(), shape)?;
-            grids.push(Streamed::Numbers(store, own));
+            let factor = if **word == GridWord::Thickness {
+                recipe.unit().to(unit) as f32
+            } else {
+                1.0
+            };
+            grids.push(Streamed::Numbers(store, own, factor));
         }
         let written = file.write_streamed_to(staged.path(), &grids)?;
         staged.commit()?;

@@ -62,18 +62,8 @@ fn cube_walls(
     let h = bench.scale.voxel_size;
     let around = cube.grown(REACH);
     let solid = part(bench, &stored.store, around.grown(RIM), Coord([0; 3]))?;
-    let far = h * f64::from(
-        around
-            .max
-            .0
-            .iter()
-            .chain(&around.min.0)
-            .map(|c| c.abs())
-            .max()
-            .unwrap_or(0),
-    );
     let patch = solid
-        .patch(around, far, None, bench.session())
+        .patch(around, stored.far(), None, bench.session())
         .map_err(&failed)?;
     let mesh = TriMesh::new(patch.vertices, patch.faces).map_err(|e| failed(e.into()))?;
     let is_within = |p: &Vec3| {
