@@ -34,12 +34,14 @@ namespace {
 
 // A copy without values so small that vertices of several cells would fall onto one voxel in 32 bits:
 // where a wall lies in a plane of voxels, those would make edges of more than two faces. Signs stay. The
-// grid may be a part of a whole with coordinates up to `far`, which is treated alike in all parts.
+// grid may be a part of a whole whose leaves reach up to `far`, which is treated alike in all parts.
 FloatGrid::Ptr without_zeros(const FloatGrid& grid, double far) {
   const FloatGrid::Ptr copy = grid.deepCopy();
   const double h = grid.voxelSize()[0];
   const CoordBBox box = grid.evalActiveVoxelBoundingBox();
-  const Vec3d low = grid.indexToWorld(box.min()), high = grid.indexToWorld(box.max());
+  constexpr Int32 edge = Leaf::DIM;
+  const Coord last = (box.max() & ~(edge - 1)).offsetBy(edge);
+  const Vec3d low = grid.indexToWorld(box.min() & ~(edge - 1)), high = grid.indexToWorld(last);
   for (int a = 0; a < 3 && !box.empty(); ++a) far = std::max({far, std::abs(low[a]), std::abs(high[a])});
   const double rounding = 8.0 * far / h * std::ldexp(1.0, -23);
   const auto least = static_cast<float>(h * std::clamp(rounding, 1e-4, 1e-2));

@@ -61,8 +61,7 @@ pub struct Output {
     /// meshes intersect themselves somewhere.
     pub adaptivity: Option<Fraction>,
     /// Merge triangles until this share is left: the mesh stays closed and oriented, but some of its triangles
-    /// may meet others. In bricks each block of 128^3 voxels by itself; what blocks share keeps its triangles,
-    /// and meshes of OpenVDB's are refused.
+    /// may meet others. In bricks each block of 128^3 voxels by itself; what blocks share keeps its triangles.
     pub decimate: Option<Brief<Decimate>>,
     /// Write the struts of a graph as beams (.3mf with the beam lattice extension) instead of triangles:
     /// for one cell over a scaffold of straight elements, whole beams that nothing cuts.

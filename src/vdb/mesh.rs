@@ -158,7 +158,7 @@ impl LevelSet {
         self.part_to_quads(adaptivity, 0.0, session)
     }
 
-    /// The same of a part of a whole whose active voxels have coordinates up to `far`, world units.
+    /// The same of a part of a whole whose leaves reach up to `far`, world units.
     ///
     /// # Errors
     /// As [`LevelSet::to_quads`].
