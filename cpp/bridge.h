@@ -123,6 +123,7 @@ class Stream {
 void initialize();
 std::unique_ptr<Grid> grid_new(double voxel_size, float background);
 std::unique_ptr<Grid> grid_copy(const Grid&);
+std::unique_ptr<Grid> grid_with_neighbours(const Grid&);
 void grid_clear(Grid&);
 void grid_place(Grid&, double voxel_size, const std::array<double, 3>& origin);
 std::unique_ptr<Grid> grid_raw(double voxel_size, const std::array<double, 3>& origin, float background,

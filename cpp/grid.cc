@@ -2,6 +2,7 @@
 #include "impl.h"
 
 #include <openvdb/tools/LevelSetUtil.h>
+#include <openvdb/tools/Morphology.h>
 #include <openvdb/tools/Prune.h>
 #include <openvdb/tools/SignedFloodFill.h>
 #include <openvdb/tree/LeafManager.h>
@@ -33,6 +34,12 @@ std::unique_ptr<Grid> grid_new(double voxel_size, float background) {
 }
 
 std::unique_ptr<Grid> grid_copy(const Grid& grid) { return wrap(grid.impl->base->deepCopyGrid()); }
+
+std::unique_ptr<Grid> grid_with_neighbours(const Grid& grid) {
+  FloatGrid::Ptr copy = floats(grid).deepCopy();
+  tools::dilateActiveValues(copy->tree(), 1, tools::NN_FACE_EDGE_VERTEX);
+  return wrap(copy);
+}
 
 void grid_clear(Grid& handle) { floats(handle).clear(); }
 

@@ -78,7 +78,7 @@ pub use slices::{SliceOptions, Sliced, slice};
 
 use operate::Bench;
 use stock::Stock;
-use thickness::{Lattice, Measured, Thickness};
+use thickness::{Lattice, Measured, Thickness, least_wall};
 
 /// How a recipe is run.
 #[derive(Clone, Debug, Default)]
@@ -192,15 +192,7 @@ pub fn run(
     };
     let measured_mesh = mesh.as_ref().filter(|_| outputs.want_thickness());
     let thickness = measured_mesh.map(|mesh| {
-        let measured = Measured {
-            lattice: Lattice {
-                origin: solid.origin(),
-                voxel_size: bench.scale.voxel_size,
-            },
-            active_voxels: info.active_voxels,
-            extent: mesh.bounds().size().max() / bench.scale.voxel_size,
-        };
-        let thickness = Thickness::of_mesh(bench, mesh, measured)?;
+        let thickness = Thickness::of_mesh(bench, mesh, to_measure(bench, &solid, mesh)?)?;
         clock.lap("thickness")?;
         Ok::<_, RunError>(thickness)
     });
@@ -325,13 +317,28 @@ fn measure(
     if !wants_walls {
         return Ok(Some(mesh));
     }
-    let wall = bench
-        .threads
-        .install(|| wall::least_wall(&mesh, bench.progress))?;
+    let wall = least_wall(bench, &mesh, to_measure(bench, solid, &mesh)?)?;
     report.least_wall = wall.map(|w| w.thickness);
     report.least_wall_place = wall.map(|w| w.place.into());
     clock.lap("walls")?;
     Ok(Some(mesh))
+}
+
+/// What measures of its walls need to know of a solid.
+fn to_measure(
+    bench: Bench,
+    solid: &crate::vdb::LevelSet,
+    mesh: &crate::mesh::TriMesh,
+) -> Result<Measured, RunError> {
+    let counted = solid.active_voxels();
+    Ok(Measured {
+        lattice: Lattice {
+            origin: solid.origin(),
+            voxel_size: bench.scale.voxel_size,
+        },
+        active_voxels: counted.map_err(RunError::level_set("counting"))?,
+        extent: mesh.bounds().size().max() / bench.scale.voxel_size,
+    })
 }
 
 /// Outputs with their paths.

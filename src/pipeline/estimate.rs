@@ -61,8 +61,12 @@ pub(super) const LEAF_BYTES: f64 = 2240.0;
 const PIXEL_BYTES: f64 = 224.0;
 /// Seconds that it takes on two threads.
 const PIXEL_SECONDS: f64 = 6e-6;
-/// Seconds of a place where thickness is measured, on two threads; in bricks it takes twice that.
+/// Bytes of a place where thickness is measured: a ball, a site, what waits for wider ones.
+const PLACE_BYTES: f64 = 150.0;
+/// Seconds of a place where thickness is measured, on two threads, and of a point of the surface among which
+/// that is done: a third of this in memory, up to three times as much in small bricks.
 const PLACE_SECONDS: f64 = 2e-5;
+const POINT_SECONDS: f64 = 1e-6;
 
 /// A sampled or extrapolated band.
 #[derive(Clone, Copy)]
@@ -370,7 +374,13 @@ fn predict(stock: &Stock, threads: &Threads, c: &Counts) -> Estimate {
     // the balls.
     let mesh = points * 50.0;
     let walls = points * 70.0;
-    peak = peak.max(tree + left + mesh + walls);
+    // Thickness has all of its places, and the points of the surface twice.
+    let thickness = if sections.output.iter().any(Output::holds_thickness) {
+        points * 110.0 + PLACE_BYTES * points.min(PLACES)
+    } else {
+        0.0
+    };
+    peak = peak.max(tree + left + mesh + f64::max(walls, thickness));
     seconds += c.active * 400e-9 * speed;
     let mut disk = 0.0;
     for output in &sections.output {
@@ -406,7 +416,7 @@ fn predict(stock: &Stock, threads: &Threads, c: &Counts) -> Estimate {
         }
     }
     if sections.output.iter().any(Output::holds_thickness) {
-        seconds += PLACE_SECONDS * points.min(PLACES) * speed;
+        seconds += (PLACE_SECONDS * points.min(PLACES) + POINT_SECONDS * points) * speed;
     }
     let pictures = sections.output.iter().filter(|o| o.picture.is_some());
     seconds += pictures.map(pixels).sum::<f64>() * PIXEL_SECONDS * speed;

@@ -13,7 +13,7 @@
 use super::error::RunError;
 use super::operate::Bench;
 use super::sites::{Site, Sites};
-use super::wall::{Ball, SurfacePoint, ball_at, points};
+use super::wall::{Ball, Sampled, SurfacePoint, Wall, ball_at, points};
 use crate::band::Region;
 use crate::frame::{Coord, Vec3};
 use crate::mesh::TriMesh;
@@ -25,6 +25,10 @@ use std::collections::BTreeMap;
 pub(super) const PLACES: f64 = 400_000.0;
 /// Radius, voxels, of the widest balls that are looked for among all points.
 const WIDEST: i32 = 16;
+/// The last level: of balls wider than any part that files hold.
+pub(super) const LAST: u32 = 20;
+/// Samples from which the least wall is told: a percentile needs no more.
+const SAMPLES: f64 = 20_000.0;
 /// Voxels around a region of which its balls of the first level may hear.
 pub(super) const HALO: i32 = 2 * WIDEST;
 /// A vertex on an edge of voxels may seem to lie this much below it, voxels, by rounding; along its edge it
@@ -87,6 +91,15 @@ struct Whole {
     lattice: Lattice,
 }
 
+impl Whole {
+    fn new(mesh: &TriMesh, lattice: Lattice) -> Self {
+        Self {
+            points: points(mesh).collect(),
+            lattice,
+        }
+    }
+}
+
 impl Surface for Whole {
     fn regions(&self) -> Vec<Region> {
         vec![Region::EVERYWHERE]
@@ -120,85 +133,98 @@ pub(super) struct Thickness(Sites<f32>);
 impl Thickness {
     /// Measures it over the closed mesh of a solid in memory.
     pub fn of_mesh(bench: Bench, mesh: &TriMesh, solid: Measured) -> Result<Self, RunError> {
-        let surface = Whole {
-            points: points(mesh).collect(),
-            lattice: solid.lattice,
-        };
-        Self::new(bench, &surface, solid)
+        Self::new(bench, &Whole::new(mesh, solid.lattice), solid)
     }
 
     /// Measures it.
-    pub fn new(
-        bench: Bench,
-        surface: &impl Surface,
-        Measured {
-            lattice,
-            active_voxels,
-            extent,
-        }: Measured,
-    ) -> Result<Self, RunError> {
-        // A unit of area crosses 1.5 edges of voxels in the mean, and has a band of both half widths.
-        let points = 1.5 * active_voxels as f64 / (2.0 * bench.half_width);
-        let each = (points / PLACES).ceil().max(1.0) as u64;
-        let h = lattice.voxel_size;
-        let mut found = Vec::new();
-        let mut wider: Vec<SurfacePoint> = Vec::new();
-        let mut look = |points: Vec<SurfacePoint>, places: &[SurfacePoint], radii: [f64; 2]| {
-            let mut wider = Vec::new();
-            for (place, ball) in places.iter().zip(balls(bench, points, places, radii)?) {
-                match ball {
-                    Ball::Inscribed(wall) => found.push(Site {
-                        place: place.place,
-                        tag: wall.thickness as f32,
-                    }),
-                    Ball::Wider => wider.push(*place),
-                    Ball::Pierced => {}
-                }
-            }
-            Ok::<_, RunError>(wider)
-        };
-        let regions = surface.regions();
-        bench
-            .progress
-            .stage("thickness", Some(regions.len() as u64));
-        for region in regions {
-            let points = surface.around(region, HALO, 0)?;
-            let is_place = |p: &&SurfacePoint| {
-                let voxel = lattice.voxel(p.place);
-                region.meets(voxel, 1) && rank(voxel) <= u64::MAX / each
-            };
-            let places: Vec<SurfacePoint> = points.iter().filter(is_place).copied().collect();
-            wider.extend(look(points, &places, [h, h * f64::from(WIDEST)])?);
-            bench.progress.advance(1);
-        }
-        let mut level = 0;
-        // No ball within it is as wide as the solid is long.
-        while !wider.is_empty() && f64::from(WIDEST << level) < 2.0 * extent {
-            level += 1;
-            let mut regions: BTreeMap<Coord, (Region, Vec<SurfacePoint>)> = BTreeMap::new();
-            for place in std::mem::take(&mut wider) {
-                let region = surface.region_of(lattice.voxel(place.place), level);
-                let group = regions.entry(region.min);
-                group.or_insert_with(|| (region, Vec::new())).1.push(place);
-            }
-            bench
-                .progress
-                .stage("thickness", Some(regions.len() as u64));
-            let radius = h * f64::from(WIDEST << level);
-            for (region, places) in regions.into_values() {
-                let points = surface.around(region, HALO << level, level)?;
-                wider.extend(look(points, &places, [radius; 2])?);
-                bench.progress.advance(1);
-            }
-        }
-        Ok(Self(Sites::new(found)))
+    pub fn new(bench: Bench, surface: &impl Surface, solid: Measured) -> Result<Self, RunError> {
+        let walls = walls(bench, ("thickness", PLACES), surface, solid)?.into_iter();
+        let sites = walls.map(|(place, wall)| Site {
+            place,
+            tag: wall.thickness as f32,
+        });
+        Ok(Self(Sites::new(sites.collect())))
     }
-
     /// In the unit of the solid; 0 if no ball is inscribed anywhere.
     pub fn at(&self, p: Vec3) -> f32 {
         let nearest = self.0.nearest_within(p, f64::INFINITY, |_| true);
         nearest.map_or(0.0, |site| site.tag)
     }
+}
+
+/// The first percentile of inscribed diameters over the closed mesh of a solid in memory, `None` where no
+/// ball is inscribed.
+pub(super) fn least_wall(
+    bench: Bench,
+    mesh: &TriMesh,
+    solid: Measured,
+) -> Result<Option<Wall>, RunError> {
+    let surface = Whole::new(mesh, solid.lattice);
+    let walls = walls(bench, ("walls", SAMPLES), &surface, solid)?;
+    let walls = walls.into_iter().map(|(_, wall)| wall);
+    Ok(Sampled::of(walls.collect()).least())
+}
+
+/// Inscribed balls at places on a surface, about so many if it has more points.
+fn walls(
+    bench: Bench,
+    (stage, most): (&str, f64),
+    surface: &impl Surface,
+    solid: Measured,
+) -> Result<Vec<(Vec3, Wall)>, RunError> {
+    let Measured {
+        lattice,
+        active_voxels,
+        extent,
+    } = solid;
+    // A unit of area crosses 1.5 edges of voxels in the mean, and has a band of both half widths.
+    let points = 1.5 * active_voxels as f64 / (2.0 * bench.half_width);
+    let each = (points / most).ceil().max(1.0) as u64;
+    let h = lattice.voxel_size;
+    let mut found = Vec::new();
+    let mut wider: Vec<SurfacePoint> = Vec::new();
+    let mut look = |points: Vec<SurfacePoint>, places: &[SurfacePoint], radii: [f64; 2]| {
+        let mut wider = Vec::new();
+        for (place, ball) in places.iter().zip(balls(bench, points, places, radii)?) {
+            match ball {
+                Ball::Inscribed(wall) => found.push((place.place, wall)),
+                Ball::Wider => wider.push(*place),
+                Ball::Pierced => {}
+            }
+        }
+        Ok::<_, RunError>(wider)
+    };
+    let regions = surface.regions();
+    bench.progress.stage(stage, Some(regions.len() as u64));
+    for region in regions {
+        let points = surface.around(region, HALO, 0)?;
+        let is_place = |p: &&SurfacePoint| {
+            let voxel = lattice.voxel(p.place);
+            region.meets(voxel, 1) && rank(voxel) <= u64::MAX / each
+        };
+        let places: Vec<SurfacePoint> = points.iter().filter(is_place).copied().collect();
+        wider.extend(look(points, &places, [h, h * f64::from(WIDEST)])?);
+        bench.progress.advance(1);
+    }
+    let mut level = 0;
+    // No ball within it is as wide as the solid is long.
+    while !wider.is_empty() && level < LAST && f64::from(WIDEST << level) < 2.0 * extent {
+        level += 1;
+        let mut regions: BTreeMap<Coord, (Region, Vec<SurfacePoint>)> = BTreeMap::new();
+        for place in std::mem::take(&mut wider) {
+            let region = surface.region_of(lattice.voxel(place.place), level);
+            let group = regions.entry(region.min);
+            group.or_insert_with(|| (region, Vec::new())).1.push(place);
+        }
+        bench.progress.stage(stage, Some(regions.len() as u64));
+        let radius = h * f64::from(WIDEST << level);
+        for (region, places) in regions.into_values() {
+            let points = surface.around(region, HALO << level, level)?;
+            wider.extend(look(points, &places, [radius; 2])?);
+            bench.progress.advance(1);
+        }
+    }
+    Ok(found)
 }
 
 /// The balls at places, with radii from the first to the second, among the points of a surface.
@@ -223,4 +249,76 @@ fn balls(
         balls.collect::<Result<_, _>>()
     };
     Ok(bench.threads.install(all)?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::progress::{Silent, Threads};
+    use crate::recipe::Recipe;
+
+    fn least(mesh: &TriMesh) -> Wall {
+        let recipe = Recipe::parse("druse = 1\n[band]\nvoxel_size = 0.1\n", &[]).unwrap();
+        let threads = Threads::new(1).unwrap();
+        let solid = Measured {
+            lattice: Lattice {
+                origin: Vec3::zeros(),
+                voxel_size: 0.1,
+            },
+            active_voxels: 0,
+            extent: 10.0 * mesh.bounds().size().max(),
+        };
+        let bench = Bench::new(&recipe, &threads, &Silent);
+        least_wall(bench, mesh, solid).unwrap().unwrap()
+    }
+
+    /// A box of `size`, each face an n x n grid of quads.
+    fn grid_box(size: Vec3, n: u32) -> TriMesh {
+        let (mut vertices, mut triangles) = (Vec::new(), Vec::new());
+        for axis in 0..3 {
+            for side in [0.0, 1.0] {
+                let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
+                let start = vertices.len() as u32;
+                for i in 0..=n {
+                    for j in 0..=n {
+                        let mut p = Vec3::zeros();
+                        p[axis] = side * size[axis];
+                        p[u] = f64::from(i) / f64::from(n) * size[u];
+                        p[v] = f64::from(j) / f64::from(n) * size[v];
+                        vertices.push(p);
+                    }
+                }
+                for i in 0..n {
+                    for j in 0..n {
+                        let at = |i, j| start + i * (n + 1) + j;
+                        let quad = [at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)];
+                        let [a, b, c, d] = quad;
+                        if side == 1.0 {
+                            triangles.extend([[a, b, c], [a, c, d]]);
+                        } else {
+                            triangles.extend([[a, c, b], [a, d, c]]);
+                        }
+                    }
+                }
+            }
+        }
+        TriMesh::new(vertices, triangles).unwrap().merged()
+    }
+
+    #[test]
+    fn a_plate_is_as_thick_as_its_least_edge() {
+        let mesh = grid_box(Vec3::new(10.0, 10.0, 1.0), 100);
+        assert!((mesh.volume() - 100.0).abs() < 1e-9);
+        let wall = least(&mesh);
+        assert!((wall.thickness - 1.0).abs() < 0.02, "{wall:?}");
+        assert!((wall.place.z - 0.5).abs() < 0.02);
+    }
+
+    #[test]
+    fn a_ball_is_as_thick_as_its_diameter() {
+        let mesh = TriMesh::ball(Vec3::new(1.0, 2.0, 3.0), 2.0, 5);
+        let wall = least(&mesh);
+        assert!((wall.thickness - 4.0).abs() < 0.05, "{wall:?}");
+        assert!((wall.place - Vec3::new(1.0, 2.0, 3.0)).norm() < 0.1);
+    }
 }

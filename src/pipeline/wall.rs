@@ -17,8 +17,6 @@ use crate::mesh::TriMesh;
 use crate::progress::{Cancelled, Progress};
 use rayon::prelude::*;
 
-/// Samples that are measured at most: a percentile needs no more.
-const SAMPLES: usize = 20_000;
 /// Steps of the shrinking ball; it converges in about six.
 const STEPS: usize = 40;
 /// Sine of half the least angle under which two contacts are opposite.
@@ -46,6 +44,11 @@ pub(super) struct Sampled {
 }
 
 impl Sampled {
+    /// Those that were found, where all were looked for.
+    pub fn of(walls: Vec<Wall>) -> Self {
+        Self { walls, thicker: 0 }
+    }
+
     /// Adds other samples.
     pub fn add(&mut self, other: Self) {
         self.walls.extend(other.walls);
@@ -59,21 +62,6 @@ impl Sampled {
         let place = (self.walls.len() + self.thicker) / 100;
         self.walls.get(place).copied()
     }
-}
-
-/// The first percentile of inscribed diameters over the vertices of a closed mesh, `None` where no
-/// ball is inscribed.
-pub(super) fn least_wall(
-    mesh: &TriMesh,
-    progress: &dyn Progress,
-) -> Result<Option<Wall>, Cancelled> {
-    let found = balls(mesh, &spread(mesh, SAMPLES), widest(mesh), progress)?;
-    let walls = found.into_iter().filter_map(Ball::inscribed);
-    let sampled = Sampled {
-        walls: walls.collect(),
-        thicker: 0,
-    };
-    Ok(sampled.least())
 }
 
 /// The walls at some vertices of a mesh that goes on beyond what matters to balls up to a radius.
@@ -90,18 +78,6 @@ pub(super) fn sampled(
         walls: walls.collect(),
         thicker,
     })
-}
-
-/// A radius that no ball within a mesh has.
-fn widest(mesh: &TriMesh) -> f64 {
-    mesh.bounds().size().max()
-}
-
-/// At most so many of its vertices.
-fn spread(mesh: &TriMesh, most: usize) -> Vec<u32> {
-    let count = mesh.vertices().len();
-    let stride = count.div_ceil(most).max(1);
-    (0..count as u32).step_by(stride).collect()
 }
 
 /// The balls that touch a mesh at some of its vertices.
@@ -208,60 +184,4 @@ pub(super) fn ball_at(
         thickness: 2.0 * radius,
         place,
     })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::progress::Silent;
-
-    /// A box of `size`, each face an n x n grid of quads.
-    fn grid_box(size: Vec3, n: u32) -> TriMesh {
-        let (mut vertices, mut triangles) = (Vec::new(), Vec::new());
-        for axis in 0..3 {
-            for side in [0.0, 1.0] {
-                let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
-                let start = vertices.len() as u32;
-                for i in 0..=n {
-                    for j in 0..=n {
-                        let mut p = Vec3::zeros();
-                        p[axis] = side * size[axis];
-                        p[u] = f64::from(i) / f64::from(n) * size[u];
-                        p[v] = f64::from(j) / f64::from(n) * size[v];
-                        vertices.push(p);
-                    }
-                }
-                for i in 0..n {
-                    for j in 0..n {
-                        let at = |i, j| start + i * (n + 1) + j;
-                        let quad = [at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)];
-                        let [a, b, c, d] = quad;
-                        if side == 1.0 {
-                            triangles.extend([[a, b, c], [a, c, d]]);
-                        } else {
-                            triangles.extend([[a, c, b], [a, d, c]]);
-                        }
-                    }
-                }
-            }
-        }
-        TriMesh::new(vertices, triangles).unwrap().merged()
-    }
-
-    #[test]
-    fn a_plate_is_as_thick_as_its_least_edge() {
-        let mesh = grid_box(Vec3::new(10.0, 10.0, 1.0), 100);
-        assert!((mesh.volume() - 100.0).abs() < 1e-9);
-        let wall = least_wall(&mesh, &Silent).unwrap().unwrap();
-        assert!((wall.thickness - 1.0).abs() < 0.02, "{wall:?}");
-        assert!((wall.place.z - 0.5).abs() < 0.02);
-    }
-
-    #[test]
-    fn a_ball_is_as_thick_as_its_diameter() {
-        let mesh = TriMesh::ball(Vec3::new(1.0, 2.0, 3.0), 2.0, 5);
-        let wall = least_wall(&mesh, &Silent).unwrap().unwrap();
-        assert!((wall.thickness - 4.0).abs() < 0.05, "{wall:?}");
-        assert!((wall.place - Vec3::new(1.0, 2.0, 3.0)).norm() < 0.1);
-    }
 }

@@ -146,6 +146,8 @@ mod bridge {
         /// An empty level set; world units.
         fn grid_new(voxel_size: f64, background: f32) -> Result<UniquePtr<Grid>>;
         fn grid_copy(grid: &Grid) -> Result<UniquePtr<Grid>>;
+        /// A copy with all 26 neighbours of active voxels active.
+        fn grid_with_neighbours(grid: &Grid) -> Result<UniquePtr<Grid>>;
         /// Leaves background everywhere; voxels stay what they are.
         fn grid_clear(grid: Pin<&mut Grid>) -> Result<()>;
         /// Sets the voxel size and the world position of voxel (0, 0, 0); values stay.

@@ -19,7 +19,8 @@ impl LevelSet {
     /// # Errors
     /// [`VdbError::Cancelled`], or what OpenVDB refuses (memory).
     pub fn to_mesh(&self, session: Session<'_>) -> Result<TriMesh, VdbError> {
-        let leaves = self.leaves()?;
+        let whole = self.with_neighbours()?;
+        let leaves = whole.as_ref().unwrap_or(self).leaves()?;
         let mesher = Mesher::new(self.transform).placed(self.origin);
         let made = session
             .threads
@@ -40,7 +41,8 @@ impl LevelSet {
         field: &WorldField,
         session: Session<'_>,
     ) -> Result<TriMesh, VdbError> {
-        let leaves = self.leaves()?;
+        let whole = self.with_neighbours()?;
+        let leaves = whole.as_ref().unwrap_or(self).leaves()?;
         let mesher = Mesher::new(self.transform).placed(self.origin).on(field);
         let made = session
             .threads
@@ -63,7 +65,8 @@ impl LevelSet {
         exact: Option<&WorldField>,
         session: Session<'_>,
     ) -> Result<Patch, VdbError> {
-        let leaves = self.leaves()?;
+        let whole = self.with_neighbours()?;
+        let leaves = whole.as_ref().unwrap_or(self).leaves()?;
         let mut mesher = Mesher::new(self.transform).placed(self.origin);
         if let Some(field) = exact {
             mesher = mesher.on(field);
@@ -88,7 +91,8 @@ impl LevelSet {
         session: Session<'_>,
         make: impl Fn(Patch) -> Result<T, E> + Sync,
     ) -> Result<Vec<T>, E> {
-        let leaves = self.leaves()?;
+        let whole = self.with_neighbours()?;
+        let leaves = whole.as_ref().unwrap_or(self).leaves()?;
         let all = values(&leaves);
         let mut mesher = Mesher::new(self.transform)
             .placed(self.origin)
@@ -116,6 +120,20 @@ impl LevelSet {
                 })
                 .collect()
         })
+    }
+
+    /// Of a band thinner than the diagonal of a voxel a copy with the neighbours of its active voxels in
+    /// leaves, too: the surface may cross a cell whose farthest corner lies beyond the band.
+    fn with_neighbours(&self) -> Result<Option<Self>, VdbError> {
+        // A little more, since single precision rounds.
+        if self.half_width > 1.75 {
+            return Ok(None);
+        }
+        let copied = ffi::grid_with_neighbours(&self.grid);
+        Ok(Some(Self {
+            grid: copied.map_err(|e| VdbError::plain("meshing", &e))?,
+            ..*self
+        }))
     }
 
     /// What of a mesh belongs to a region of whole leaves, where this is a part of a larger level set with

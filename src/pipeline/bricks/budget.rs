@@ -6,7 +6,7 @@ use super::super::estimate::{
 };
 use super::super::memory;
 use super::super::stock::Stock;
-use super::super::thickness::HALO;
+use super::super::thickness::{HALO, LAST};
 use super::super::voxels::Voxels;
 use super::meshes::UNTANGLED;
 use super::reach::{coarser_copies, passes, removal_halo, resamplings, wants_segments, widest};
@@ -105,7 +105,15 @@ pub(crate) fn needs(stock: &Stock, threads: &Threads, counts: &Counts, edge: u32
     let mut outputs = stock.recipe.sections().output.iter();
     let (walls, places) = if outputs.any(Output::holds_thickness) {
         let leaf = LEAF_BYTES + (PER_POINT + PER_PLACE) * points;
-        (leaves(f64::from(HALO + 2 * LEAF)) * leaf, PLACES)
+        let first = leaves(f64::from(HALO + 2 * LEAF)) * leaf;
+        // Of levels of wider balls a quarter of the points each, of cubes of twice the edge.
+        let block =
+            in_cube(1.0 + 4.0 * f64::from(LEAF) / 128.0) * (LEAF_BYTES + PER_POINT * points);
+        let wider = (1..LAST).map(|level| {
+            let blocks = f64::from(1 << level) * (1.0 + 2.0 * f64::from(HALO) / 128.0);
+            block + in_cube(blocks) * points * PER_PLACE / 4f64.powi(level as i32)
+        });
+        (wider.fold(first, f64::max), PLACES)
     } else {
         (0.0, 0.0)
     };

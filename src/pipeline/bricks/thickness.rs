@@ -10,9 +10,6 @@ use crate::band::{BLOCK, LEAF, Region};
 use crate::frame::{Coord, Vec3};
 use crate::mesh::TriMesh;
 
-/// Cubes of wider balls grow up to 2^20 blocks a side, more than fit any axis of voxels that files hold.
-const LARGEST: u32 = 20;
-
 /// The surface of a solid in bricks, meshed as its points are asked for: of a brick at once, of larger regions
 /// block by block.
 struct Stored<'a> {
@@ -28,7 +25,7 @@ impl Surface for Stored<'_> {
     }
 
     fn region_of(&self, voxel: Coord, level: u32) -> Region {
-        let edge = BLOCK << level.min(LARGEST);
+        let edge = BLOCK << level;
         Region::cube(voxel.aligned(edge), edge)
     }
 

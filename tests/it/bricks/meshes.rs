@@ -210,6 +210,22 @@ fn faces_on_the_exact_field_are_the_same_in_all_bricks() {
     }
 }
 
+/// In a band thinner than a voxel's diagonal the surface crosses cells of which it lacks a voxel.
+#[test]
+fn thin_bands_are_meshed_in_bricks_as_in_memory() {
+    let directory = tempfile::tempdir().unwrap();
+    let [whole, parts] = ["whole", "parts"].map(|n| directory.path().join(n));
+    let text = "druse = 1\nunit = \"mm\"\n[cell.g]\nsurface = \"gyroid\"\nvolume_fraction = 0.4\n[scaffold]\nbox = { size = [19.8, 16.5, 16.5], cell_size = 3.3, origin = [0, 0, 0] }\n[tiling]\ncell = \"g\"\n[band]\nvoxel_size = 0.1\nhalf_width = 1.5\n[[op]]\ndilate = \"2vx\"\n[[output]]\nmesh = \"a.obj\"\n";
+    let recipe = Recipe::parse(text, &[]).unwrap();
+    let one = run(&recipe, &options(&whole, None, 2), &Silent).unwrap();
+    let two = run(&recipe, &options(&parts, Some(1), 2), &Silent).unwrap();
+    assert_eq!(facts(&one), facts(&two));
+    let [a, b] = [&whole, &parts].map(|p| faces(&p.join("a.obj")));
+    assert!(a == b, "{} and {} faces", a.len(), b.len());
+    let mesh = druse::io::read_mesh(parts.join("a.obj")).unwrap().mesh;
+    assert!(druse::mesh::check(&mesh).is_sound());
+}
+
 #[test]
 fn beams_are_written_beside_bricks() {
     let directory = tempfile::tempdir().unwrap();
