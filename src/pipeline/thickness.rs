@@ -258,7 +258,9 @@ mod tests {
     use crate::recipe::Recipe;
 
     fn least(mesh: &TriMesh) -> Wall {
-        let recipe = Recipe::parse("druse = 1\n[band]\nvoxel_size = 0.1\n", &[]).unwrap();
+        let text =
+            "druse = 1\n[band]\nvoxel_size = 0.1\n[[op]]\nunion = { sphere = { radius = 1 } }\n";
+        let recipe = Recipe::parse(text, &[]).unwrap();
         let threads = Threads::new(1).unwrap();
         let solid = Measured {
             lattice: Lattice {
