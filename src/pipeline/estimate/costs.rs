@@ -73,7 +73,8 @@ pub(super) fn grids_on_disk(words: &[GridWord], c: &Counts) -> f64 {
     let masks = 153.0 * c.leaves;
     let surface = masks + 3.5 * c.active;
     let bytes = words.iter().map(|word| match word {
-        GridWord::Surface | GridWord::Thickness => surface,
+        GridWord::Surface => surface,
+        GridWord::Thickness => masks + 1.8 * c.active,
         GridWord::Density => 0.6 * surface,
         GridWord::CellId | GridWord::ElementId => masks + 0.4 * c.active,
         GridWord::Weight(_) => masks + c.active,
