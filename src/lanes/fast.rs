@@ -349,10 +349,6 @@ impl Twice for V4 {
         self.avx512dq._mm512_movepi32_mask(cast(a))
     }
     #[inline(always)]
-    fn select_below(self, a: f32x16, b: f32x16, x: f32x16, y: f32x16) -> f32x16 {
-        self.select_f32s(self.less_than_f32s(a, b), x, y)
-    }
-    #[inline(always)]
     fn doubles_of(self, v: &[f64; 8]) -> f64x8 {
         cast(*v)
     }

@@ -42,9 +42,6 @@ pub trait Twice: Copy {
     fn below(self, a: Self::Pair, b: Self::Pair) -> u16;
     /// One bit per number: its sign, also that of a zero.
     fn signs(self, a: Self::Pair) -> u16;
-    /// x where a < b, else y.
-    fn select_below(self, a: Self::Pair, b: Self::Pair, x: Self::Pair, y: Self::Pair)
-    -> Self::Pair;
     /// From memory.
     fn doubles_of(self, v: &[f64; 8]) -> Self::Eight;
     /// To memory.
@@ -158,13 +155,6 @@ impl<L: Lanes> Twice for Rows<L> {
     #[inline(always)]
     fn signs(self, a: [L::F; 2]) -> u16 {
         u16::from(self.0.signs(a[0])) | u16::from(self.0.signs(a[1])) << 8
-    }
-    #[inline(always)]
-    fn select_below(self, a: [L::F; 2], b: [L::F; 2], x: [L::F; 2], y: [L::F; 2]) -> [L::F; 2] {
-        [
-            self.0.select_below(a[0], b[0], x[0], y[0]),
-            self.0.select_below(a[1], b[1], x[1], y[1]),
-        ]
     }
     #[inline(always)]
     fn doubles_of(self, v: &[f64; 8]) -> [L::D; 2] {

@@ -374,13 +374,13 @@ fn predict(stock: &Stock, threads: &Threads, c: &Counts) -> Estimate {
     // the balls.
     let mesh = points * 50.0;
     let walls = points * 70.0;
-    // Thickness has all of its places, and the points of the surface twice.
-    let thickness = if sections.output.iter().any(Output::holds_thickness) {
-        points * 110.0 + PLACE_BYTES * points.min(PLACES)
+    // Thickness is measured as walls are, and keeps its places.
+    let places = if sections.output.iter().any(Output::holds_thickness) {
+        PLACE_BYTES * points.min(PLACES)
     } else {
         0.0
     };
-    peak = peak.max(tree + left + mesh + f64::max(walls, thickness));
+    peak = peak.max(tree + left + mesh + walls + places);
     seconds += c.active * 400e-9 * speed;
     let mut disk = 0.0;
     for output in &sections.output {

@@ -86,21 +86,24 @@ fn rank(Coord(voxel): Coord) -> u64 {
 }
 
 /// A surface in memory.
-struct Whole {
-    points: Vec<SurfacePoint>,
+struct Whole<'a> {
+    mesh: &'a TriMesh,
+    /// Its vertices' normals.
+    outward: Vec<Vec3>,
     lattice: Lattice,
 }
 
-impl Whole {
-    fn new(mesh: &TriMesh, lattice: Lattice) -> Self {
+impl<'a> Whole<'a> {
+    fn new(mesh: &'a TriMesh, lattice: Lattice) -> Self {
         Self {
-            points: points(mesh).collect(),
+            mesh,
+            outward: mesh.vertex_normals_by_area(),
             lattice,
         }
     }
 }
 
-impl Surface for Whole {
+impl Surface for Whole<'_> {
     fn regions(&self) -> Vec<Region> {
         vec![Region::EVERYWHERE]
     }
@@ -110,10 +113,11 @@ impl Surface for Whole {
     }
 
     fn around(&self, _: Region, _: i32, level: u32) -> Result<Vec<SurfacePoint>, RunError> {
-        let kept = self.points.iter().copied();
-        Ok(kept
-            .filter(|p| self.lattice.keeps(p.place, level))
-            .collect())
+        let all = points(self.mesh, &self.outward);
+        if level == 0 {
+            return Ok(all.collect());
+        }
+        Ok(all.filter(|p| self.lattice.keeps(p.place, level)).collect())
     }
 }
 
@@ -145,6 +149,7 @@ impl Thickness {
         });
         Ok(Self(Sites::new(sites.collect())))
     }
+
     /// In the unit of the solid; 0 if no ball is inscribed anywhere.
     pub fn at(&self, p: Vec3) -> f32 {
         let nearest = self.0.nearest_within(p, f64::INFINITY, |_| true);

@@ -87,7 +87,8 @@ fn balls(
     widest: f64,
     progress: &dyn Progress,
 ) -> Result<Vec<Ball>, Cancelled> {
-    let points: Vec<SurfacePoint> = points(mesh).collect();
+    let outward = mesh.vertex_normals_by_area();
+    let points: Vec<SurfacePoint> = points(mesh, &outward).collect();
     let tree = Sites::new(points.clone());
     let first = (mesh.area() / mesh.triangles().len().max(1) as f64).sqrt();
     progress.stage("walls", Some(samples.len() as u64));
@@ -107,11 +108,13 @@ fn balls(
 /// A point of a surface and its normal into the solid.
 pub(super) type SurfacePoint = Site<Vec3>;
 
-/// The vertices of a mesh with their normals into the solid.
-pub(super) fn points(mesh: &TriMesh) -> impl Iterator<Item = SurfacePoint> {
-    let normals = mesh.vertex_normals_by_area().into_iter();
-    let vertices = mesh.vertices().iter().zip(normals);
-    vertices.map(|(&place, outward)| Site {
+/// The vertices of a mesh, given their normals, with those into the solid.
+pub(super) fn points(
+    mesh: &TriMesh,
+    outward: &[Vec3],
+) -> impl ExactSizeIterator<Item = SurfacePoint> {
+    let vertices = mesh.vertices().iter().zip(outward);
+    vertices.map(|(&place, &outward)| Site {
         place,
         tag: -outward,
     })

@@ -37,6 +37,8 @@ const QUAD_TREES: f64 = 2.5;
 const PER_QUAD_POINT: f64 = 150.0;
 /// Memory that a block on disk keeps.
 const PER_BLOCK: f64 = 1300.0;
+/// Memory of a leaf on disk: batches hold few of a crowded block, and each has its place.
+const PER_LEAF: f64 = 2.0;
 /// Memory of a block's place in the file of one word.
 const PER_NUMBERS: f64 = 80.0;
 /// Memory of a number of each voxel in the leaves that are together while numbers are made.
@@ -57,7 +59,8 @@ pub(crate) fn needs(stock: &Stock, threads: &Threads, counts: &Counts, edge: u32
     let base = memory::resident() as f64
         + ASIDE
         + PER_THREAD * threads.count() as f64
-        + PER_BLOCK * counts.blocks;
+        + PER_BLOCK * counts.blocks
+        + PER_LEAF * counts.most;
     // Blocks at the sides of a box may hold next to nothing.
     let blocks = counts.blocks.min(counts.volume).max(1.0);
     let density = (CROWDED * counts.most / blocks).min(FULL);

@@ -58,7 +58,8 @@ impl Surface for Stored<'_> {
             let is_own = |p: &SurfacePoint| {
                 own.meets(lattice.voxel(p.place), 1) && lattice.keeps(p.place, level)
             };
-            all.extend(points(&mesh).filter(is_own));
+            let outward = mesh.vertex_normals_by_area();
+            all.extend(points(&mesh, &outward).filter(is_own));
         }
         Ok(all)
     }
