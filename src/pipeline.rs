@@ -197,6 +197,8 @@ pub fn run(
         Ok::<_, RunError>(thickness)
     });
     let thickness = thickness.transpose()?;
+    // What only told the solid's measures makes room.
+    let mesh = mesh.filter(|_| outputs.write_meshes());
     let done = output::Finished {
         stock: &stock,
         solid: &solid,
@@ -359,8 +361,11 @@ impl Targets<'_> {
     }
 
     fn want_a_mesh(&self) -> bool {
-        let mut all = self.files.iter().map(|(output, _)| output);
-        self.want_thickness() || all.any(|o| o.mesh.is_some())
+        self.want_thickness() || self.write_meshes()
+    }
+
+    fn write_meshes(&self) -> bool {
+        self.files.iter().any(|(output, _)| output.mesh.is_some())
     }
 
     fn want_thickness(&self) -> bool {

@@ -61,8 +61,10 @@ pub(super) const LEAF_BYTES: f64 = 2240.0;
 const PIXEL_BYTES: f64 = 224.0;
 /// Seconds that it takes on two threads.
 const PIXEL_SECONDS: f64 = 6e-6;
-/// Bytes of a place where thickness is measured: a ball, a site, what waits for wider ones.
-const PLACE_BYTES: f64 = 150.0;
+/// Bytes of a place while thickness is measured there: a ball, a site, what waits for wider ones.
+const PLACE_BYTES: f64 = 100.0;
+/// Of these what is kept.
+const SITE_BYTES: f64 = 32.0;
 /// Seconds of a place where thickness is measured, on two threads, and of a point of the surface among which
 /// that is done: a third of this in memory, up to three times as much in small bricks.
 const PLACE_SECONDS: f64 = 2e-5;
@@ -374,13 +376,12 @@ fn predict(stock: &Stock, threads: &Threads, c: &Counts) -> Estimate {
     // the balls.
     let mesh = points * 50.0;
     let walls = points * 70.0;
-    // Thickness is measured as walls are, and keeps its places.
-    let places = if sections.output.iter().any(Output::holds_thickness) {
-        PLACE_BYTES * points.min(PLACES)
-    } else {
-        0.0
-    };
-    peak = peak.max(tree + left + mesh + walls + places);
+    // Thickness is measured as walls are.
+    let measures = sections.output.iter().any(Output::holds_thickness);
+    let places = if measures { points.min(PLACES) } else { 0.0 };
+    peak = peak.max(tree + left + mesh + walls + PLACE_BYTES * places);
+    let writes_meshes = sections.output.iter().any(|o| o.mesh.is_some());
+    let kept = SITE_BYTES * places + if writes_meshes { mesh } else { 0.0 };
     seconds += c.active * 400e-9 * speed;
     let mut disk = 0.0;
     for output in &sections.output {
@@ -412,10 +413,10 @@ fn predict(stock: &Stock, threads: &Threads, c: &Counts) -> Estimate {
                 OutputKind::Picture => pixels(output) * PIXEL_BYTES,
                 OutputKind::Report => continue,
             };
-            peak = peak.max(tree + left + mesh + own);
+            peak = peak.max(tree + left + kept + own);
         }
     }
-    if sections.output.iter().any(Output::holds_thickness) {
+    if measures {
         seconds += (PLACE_SECONDS * points.min(PLACES) + POINT_SECONDS * points) * speed;
     }
     let pictures = sections.output.iter().filter(|o| o.picture.is_some());
