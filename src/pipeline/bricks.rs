@@ -340,8 +340,8 @@ pub(super) fn decide(
             (counts, options.memory.unwrap_or(u64::MAX))
         }
     };
-    let found = lay_out(stock, threads, &counts, (budget, options.bricks))?;
-    // Before all blocks are listed: of a part without measure that takes as long as the part.
+    // Before the memory of bricks, which no budget mends then, and before all blocks are listed: of a part
+    // without measure that takes as long as the part.
     let directory = directory_beside(stock.recipe, options.out.as_deref());
     if let Err(full) = check_disk(existing(&directory), leaf_bytes(&counts) as u64) {
         if !is_short {
@@ -352,6 +352,7 @@ pub(super) fn decide(
             stock, threads, &counts, budget, reason,
         ));
     }
+    let found = lay_out(stock, threads, &counts, (budget, options.bricks))?;
     layout(stock, &found, &counts, threads, progress).map(Some)
 }
 
