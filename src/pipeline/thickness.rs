@@ -115,6 +115,7 @@ impl Surface for Whole<'_> {
     fn around(&self, _: Region, _: i32, level: u32) -> Result<Vec<SurfacePoint>, RunError> {
         let all = points(self.mesh, &self.outward);
         if level == 0 {
+            // Unfiltered they take no more room than they need.
             return Ok(all.collect());
         }
         Ok(all.filter(|p| self.lattice.keeps(p.place, level)).collect())

@@ -108,11 +108,8 @@ fn balls(
 /// A point of a surface and its normal into the solid.
 pub(super) type SurfacePoint = Site<Vec3>;
 
-/// The vertices of a mesh, given their normals, with those into the solid.
-pub(super) fn points(
-    mesh: &TriMesh,
-    outward: &[Vec3],
-) -> impl ExactSizeIterator<Item = SurfacePoint> {
+/// The vertices of a mesh, whose normals point outward, each with the normal into the solid.
+pub(super) fn points(mesh: &TriMesh, outward: &[Vec3]) -> impl Iterator<Item = SurfacePoint> {
     let vertices = mesh.vertices().iter().zip(outward);
     vertices.map(|(&place, &outward)| Site {
         place,
