@@ -25,6 +25,8 @@ mod pipeline;
 #[cfg(feature = "vdb")]
 mod safety;
 #[cfg(feature = "vdb")]
+mod truth;
+#[cfg(feature = "vdb")]
 mod vdb;
 #[cfg(feature = "vdb")]
 mod workshop;

@@ -1,0 +1,11 @@
+//! Right values of real inputs: closed forms and brute force that share no code with Druse.
+
+mod beams;
+mod certificate;
+mod far;
+mod fits;
+mod level_set_files;
+mod offsets;
+mod sheets;
+mod solids;
+mod touching;

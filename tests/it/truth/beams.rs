@@ -1,0 +1,1 @@
+//! Round struts have the asked diameter in world space.

@@ -1,0 +1,1 @@
+//! A failing certificate warns; defaults meet across faces.

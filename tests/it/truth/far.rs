@@ -1,0 +1,1 @@
+//! Parts far from the origin keep their volume.

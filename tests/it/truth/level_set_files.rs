@@ -1,0 +1,1 @@
+//! Tools on level-set files: slices, bands, round trips.

@@ -1,0 +1,1 @@
+//! Offsets are metric: Steiner's formula, walls, fillets.

@@ -1,0 +1,1 @@
+//! Sheets have the asked thickness in world space.

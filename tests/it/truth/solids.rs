@@ -1,0 +1,1 @@
+//! Closed meshes are solids: unions, voids, turned shells.

@@ -1,0 +1,1 @@
+//! Solids that touch are one piece.
