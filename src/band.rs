@@ -51,7 +51,7 @@ mod pool;
 mod sinks;
 mod smooth;
 
-pub use closest::{MovedLeaf, SurfacePoints};
+pub use closest::{ClosestPointField, MovedLeaf, SurfacePoints};
 pub use estimate::{Estimate, Sampling};
 pub use leaf::{BLOCK, LEAF, LeafBatch, LeafSink, SinkError, VOXELS};
 pub use leaf_file::{LeafFileError, LeafFileHead, LeafFileWriter};

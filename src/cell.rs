@@ -63,6 +63,7 @@ mod source;
 mod surface;
 mod table;
 mod thickness;
+pub use thickness::NearestLevel;
 mod trace;
 mod wave;
 pub use constraint::Constraint;

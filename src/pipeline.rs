@@ -27,6 +27,7 @@ mod beams;
 mod bricks;
 mod cells;
 mod crystals;
+mod cut_faces;
 mod decimate;
 mod error;
 mod estimate;
@@ -47,6 +48,7 @@ mod report;
 mod scaffold;
 mod scatter;
 mod shape;
+mod sheets;
 mod sites;
 mod slices;
 mod source;
@@ -69,16 +71,17 @@ pub use group::{group_fault, read_group};
 pub use plot::{Curve, Plot, plot, sheet, sheet_columns};
 pub use probe::{Probe, Probed};
 pub use report::{
-    BandReport, BricksReport, ContinuityReport, Input, MeshFacts, OffsetReport, OutputFile, Report,
-    ScaffoldReport, SolidReport, Stage, Warning, Way,
+    Asked, BandReport, BricksReport, ContinuityReport, Input, MeshFacts, OffsetReport, OutputFile,
+    Report, ScaffoldReport, SolidReport, Stage, ThicknessReport, Warning, Way,
 };
 pub use source::{CellFault, enter_source};
 
 pub use slices::{SliceOptions, Sliced, slice};
 
+use cut_faces::CutFaces;
 use operate::Bench;
 use stock::Stock;
-use thickness::{Lattice, Measured, Thickness, least_wall};
+use thickness::{Lattice, Measured, Thickness, sampled_walls};
 
 /// How a recipe is run.
 #[derive(Clone, Debug, Default)]
@@ -319,9 +322,9 @@ fn measure(
     if !wants_walls {
         return Ok(Some(mesh));
     }
-    let wall = least_wall(bench, &mesh, to_measure(bench, solid, &mesh)?)?;
-    report.least_wall = wall.map(|w| w.thickness);
-    report.least_wall_place = wall.map(|w| w.place.into());
+    let walls = sampled_walls(bench, &mesh, to_measure(bench, solid, &mesh)?)?;
+    let cut = CutFaces::new(stock, bench.scale.voxel_size);
+    report.add_walls(walls, stock.thickness_asked(), &cut, bench.threads);
     clock.lap("walls")?;
     Ok(Some(mesh))
 }

@@ -18,13 +18,17 @@
 use super::index::Index;
 use super::leaf::{LEAF, VOXELS};
 use super::smooth::LeafRef;
-use crate::frame::Coord;
+use crate::frame::{Coord, Vec3};
 use rayon::prelude::*;
 
 mod block;
+mod field;
+mod kept;
 mod list;
 mod points;
 mod search;
+
+pub use field::ClosestPointField;
 
 use block::Move;
 use points::{Point, Stencils};
@@ -82,24 +86,36 @@ impl SurfacePoints {
         voxel_size: f64,
         background: f32,
     ) -> Self {
-        let mut all = Index::default();
-        for n in 0..count {
-            all.enter(leaf(n).origin, n);
-        }
+        let all = indexed(count, &leaf);
         let voxel_size = voxel_size as f32;
-        let found: Vec<(Coord, Vec<Point>)> = (0..count)
+        let found = (0..count)
             .into_par_iter()
             .with_min_len(32)
             .map_init(Stencils::default, |stencils, n| {
-                let own = leaf(n);
-                if own.mask == [0; 8] {
-                    return (own.origin, Vec::new());
-                }
-                let values = |origin: Coord| Some(leaf(all.get(origin)? as usize).values);
-                stencils.gather(&own, values, voxel_size, background);
-                (own.origin, stencils.points())
+                points_of(&leaf, (n, &all), stencils, (voxel_size, background))
             })
             .collect();
+        Self::joined(found, voxel_size, background)
+    }
+
+    /// The same without the calling pool of threads.
+    pub(super) fn in_one_thread<'a>(
+        count: usize,
+        leaf: impl Fn(usize) -> LeafRef<'a>,
+        voxel_size: f64,
+        background: f32,
+    ) -> Self {
+        let all = indexed(count, &leaf);
+        let voxel_size = voxel_size as f32;
+        let mut stencils = Stencils::default();
+        let found = (0..count)
+            .map(|n| points_of(&leaf, (n, &all), &mut stencils, (voxel_size, background)))
+            .collect();
+        Self::joined(found, voxel_size, background)
+    }
+
+    /// The points of all leaves, in order of the leaves.
+    fn joined(found: Vec<(Coord, Vec<Point>)>, voxel_size: f32, background: f32) -> Self {
         let mut surface = Self {
             points: Vec::with_capacity(found.iter().map(|f| f.1.len()).sum()),
             at: Default::default(),
@@ -121,6 +137,13 @@ impl SurfacePoints {
         surface
     }
 
+    /// Memory that they take, bytes.
+    pub(super) fn bytes(&self) -> usize {
+        self.points.len() * (size_of::<Point>() + size_of::<[f32; 3]>())
+            + self.leaves.len() * size_of::<(Coord, std::ops::Range<u32>)>()
+            + self.index.bytes()
+    }
+
     /// The same points, for a band of another background (world units).
     #[must_use]
     pub fn with_background(self, background: f32) -> Self {
@@ -130,6 +153,29 @@ impl SurfacePoints {
     /// Farthest that a point can matter, voxels, when the surface is moved by `by` world units.
     fn reach(&self, by: f64) -> f32 {
         (by.abs() as f32 + self.background) / self.voxel_size
+    }
+
+    /// The distance in voxels from a place, in voxels from a leaf's origin on, each coordinate from 0 to 8,
+    /// to the surface within reach, and the unit vector away from it; `None` if it is farther.
+    pub(super) fn distance(&self, origin: Coord, place: Vec3) -> Option<(f64, Vec3)> {
+        let mut best: Option<(f64, &Point, Vec3)> = None;
+        for step in search::around(self.reach(0.0) + 1.0) {
+            let [x, y, z] = step.map(|s| LEAF * s);
+            let Some(number) = self.index.get(origin.offset(x, y, z)) else {
+                continue;
+            };
+            let from = place - Vec3::new(f64::from(x), f64::from(y), f64::from(z));
+            let range = &self.leaves[number as usize].1;
+            for point in &self.points[range.start as usize..range.end as usize] {
+                let away = from - Vec3::from(point.at.map(f64::from));
+                let square = away.norm_squared();
+                if best.is_none_or(|b| square < b.0) {
+                    best = Some((square, point, away));
+                }
+            }
+        }
+        let (_, point, away) = best?;
+        Some(point.distance(away))
     }
 
     /// Origins of the leaves that a move by `by` (world units) can change but for the sign of all of them,
@@ -183,4 +229,29 @@ impl SurfacePoints {
         }
         search.leaf(&self.points)
     }
+}
+
+/// The numbers of leaves by their origins.
+fn indexed<'a>(count: usize, leaf: &impl Fn(usize) -> LeafRef<'a>) -> Index {
+    let mut all = Index::default();
+    for n in 0..count {
+        all.enter(leaf(n).origin, n);
+    }
+    all
+}
+
+/// The points of one leaf, which needs those about it.
+fn points_of<'a>(
+    leaf: &impl Fn(usize) -> LeafRef<'a>,
+    (n, all): (usize, &Index),
+    stencils: &mut Stencils,
+    (voxel_size, background): (f32, f32),
+) -> (Coord, Vec<Point>) {
+    let own = leaf(n);
+    if own.mask == [0; 8] {
+        return (own.origin, Vec::new());
+    }
+    let values = |origin: Coord| Some(leaf(all.get(origin)? as usize).values);
+    stencils.gather(&own, values, voxel_size, background);
+    (own.origin, stencils.points())
 }

@@ -145,7 +145,7 @@ pub(super) fn leaf_values(
 }
 
 /// The same for at most [`GROUP`] leaves, sorted by origin.
-fn group_values(
+pub(super) fn group_values(
     culler: &Culler,
     leaves: &[Coord],
     values: &mut [[f32; VOXELS]],

@@ -27,6 +27,11 @@ impl Index {
         block[Self::slot(origin)] = leaf as u32;
     }
 
+    /// Memory that it takes, bytes.
+    pub fn bytes(&self) -> usize {
+        self.0.len() * EDGE * EDGE * EDGE * size_of::<u32>()
+    }
+
     /// The leaf at an origin.
     pub fn get(&self, origin: Coord) -> Option<u32> {
         let block = self.0.get(&origin.aligned(BLOCK))?;

@@ -123,6 +123,24 @@ impl<'a> Gauge<'a> {
     }
 }
 
+/// A level, and what thickness it gives, in units of reference length.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct NearestLevel {
+    /// The level.
+    pub level: f64,
+    /// The thickness that it gives: 0 where nothing is solid, infinite where nothing is void.
+    pub thickness: f64,
+    /// The nearest thicknesses below and above the one asked for.
+    pub around: (f64, f64),
+}
+
+impl NearestLevel {
+    /// Whether the thickness is the one asked for, within the accuracy of its measure.
+    pub fn meets(&self, asked: f64) -> bool {
+        (self.thickness - asked).abs() <= TOLERANCE * asked
+    }
+}
+
 impl Cell {
     /// The level at which walls or struts have this thickness: the wall of a sheet to first order,
     /// else the tenth percentile of the chords through the solid, in units of reference length.
@@ -130,18 +148,40 @@ impl Cell {
     /// # Errors
     /// [`CellError::OutOfRange`] for a thickness that is not positive, or that no level gives.
     pub fn level_for_thickness(&self, thickness: f64) -> Result<f64, CellError> {
-        let fail = |expected: String| CellError::OutOfRange {
+        let found = self.nearest_level_for_thickness(thickness)?;
+        let (below, above) = found.around;
+        if found.meets(thickness) {
+            return Ok(found.level);
+        }
+        Err(CellError::OutOfRange {
             what: "thickness",
             found: thickness,
-            expected,
-        };
+            expected: format!(
+                "one that a level gives, in reference lengths: the nearest are {below:.4} and {above:.4}, \
+                 because parts of the solid merge in between"
+            ),
+        })
+    }
+
+    /// The level whose thickness is nearest to the one asked for, measured as
+    /// [`Cell::level_for_thickness`] does.
+    ///
+    /// # Errors
+    /// [`CellError::OutOfRange`] for a thickness that is not positive.
+    pub fn nearest_level_for_thickness(&self, thickness: f64) -> Result<NearestLevel, CellError> {
         if !(thickness.is_finite() && thickness > 0.0) {
-            return Err(fail(
-                "a positive length, hex edge 1, tet edge 1.414".to_owned(),
-            ));
+            return Err(CellError::OutOfRange {
+                what: "thickness",
+                found: thickness,
+                expected: "a positive length, hex edge 1, tet edge 1.414".to_owned(),
+            });
         }
         if self.solid == Solid::Sheet {
-            return Ok(thickness * self.gamma_at(&[0.0]) / 2.0);
+            return Ok(NearestLevel {
+                level: thickness * self.gamma_at(&[0.0]) / 2.0,
+                thickness,
+                around: (thickness, thickness),
+            });
         }
         let gauge = Gauge::new(self)?;
         let (least, greatest) = gauge.samples.range();
@@ -159,16 +199,15 @@ impl Cell {
             }
         }
         let (below, above) = (gauge.thickness(thin), gauge.thickness(thick));
-        let miss = (above - thickness).abs().min((below - thickness).abs());
-        if miss > TOLERANCE * thickness {
-            return Err(fail(format!(
-                "one that a level gives: near it the thickness jumps from {below:.4} to {above:.4}"
-            )));
-        }
-        Ok(if (above - thickness).abs() < (below - thickness).abs() {
-            thick
+        let (level, found) = if (above - thickness).abs() < (below - thickness).abs() {
+            (thick, above)
         } else {
-            thin
+            (thin, below)
+        };
+        Ok(NearestLevel {
+            level,
+            thickness: found,
+            around: (below, above),
         })
     }
 

@@ -13,7 +13,7 @@ use super::shape::shape_with;
 use super::stock::Stock;
 use super::thickness::PLACES;
 use super::voxels::Voxels;
-use crate::band::{Band, Sampling};
+use crate::band::{Band, ClosestPointField, Sampling};
 use crate::frame::Transform;
 use crate::progress::{Progress, Threads};
 use crate::recipe::{GridWord, Op, Output, OutputKind, Scale};
@@ -223,7 +223,7 @@ fn sampled(
         });
     }
     let scale = stock.recipe.scale();
-    let extent = shape_with(stock, scale, foretold(stock))?.extent;
+    let extent = shape_with(stock, scale, foretold(stock).for_estimate())?.extent;
     let edges = extent.size() / scale.voxel_size;
     let voxels: f64 = edges.iter().map(|e| e.max(1.0)).product();
     let level = ((voxels / most).log2() / 3.0).ceil().max(0.0) as i32;
@@ -323,7 +323,7 @@ fn sample_moved(
         voxel_size: h,
         ..scale
     };
-    let field = shape_with(stock, coarse, moves)?;
+    let field = shape_with(stock, coarse, moves.for_estimate())?;
     let transform =
         Transform::new(h).ok_or_else(|| RunError::Empty(format!("a voxel size of {h}")))?;
     let band = Band {
@@ -358,7 +358,13 @@ fn predict(stock: &Stock, threads: &Threads, c: &Counts) -> Estimate {
     let sections = stock.recipe.sections();
     let tree = c.most * LEAF_BYTES;
     let points = c.points;
-    let (mut peak, mut left) = (tree, 0.0);
+    let is_sheet = stock.fill().is_some_and(|fill| fill.sheets().is_some());
+    let closest_points = if is_sheet {
+        ClosestPointField::BYTES_KEPT as f64
+    } else {
+        0.0
+    };
+    let (mut peak, mut left) = (tree + closest_points, 0.0);
     let mut seconds = c.leaves_touched * c.seconds_per_leaf / threads.count() as f64;
     let speed = 2.0 / threads.count() as f64;
     let mut on_last = Voxels::first(stock);

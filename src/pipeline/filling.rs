@@ -2,12 +2,13 @@
 
 use super::cells::facts_by_element;
 use super::error::RunError;
-use super::grading::{interpolated, scales, shifts};
+use super::grading::{Grade, interpolated, nearest, scales, shifts};
 use super::inputs::Inputs;
 use super::palette::{Entry, Fineness, entry};
 use super::report::Warning;
 use super::scaffold::Loaded;
 use super::scatter::Scatter;
+use super::sheets::SheetThickness;
 use super::varying::{Setting, corner_nodes};
 use crate::cell::{Cell, Table};
 use crate::field::Field;
@@ -19,6 +20,11 @@ use crate::tiling::{
 };
 use crate::vdb::Session;
 use rayon::prelude::*;
+
+mod thickness;
+mod weights;
+
+use thickness::is_metric_sheet;
 
 /// Cells over a scaffold.
 pub(super) struct Fill {
@@ -36,6 +42,10 @@ pub(super) struct Fill {
     /// By place; empty for none.
     grading: Vec<f64>,
     follow_volume: bool,
+    /// The walls of cells that are metric sheets; the palette then holds their mid-surfaces.
+    sheets: Option<SheetThickness>,
+    /// Least and greatest thickness asked for, world units.
+    thickness_asked: Option<[f64; 2]>,
 }
 
 /// A filling as a run uses it: borrowed from the stock.
@@ -53,18 +63,22 @@ impl Fill {
         envelope: Option<&MeshSolid>,
         session: Session,
     ) -> Result<Self, RunError> {
+        let is_sheet = is_metric_sheet(inputs.recipe, section)?;
         let mut palette = Vec::new();
         let fineness = Fineness::new(inputs.recipe, section, &loaded.scaffold);
         for name in section.cells() {
-            palette.push(entry(inputs, &loaded.scaffold, (name, fineness), session)?);
+            let of_cell = (name, fineness, is_sheet);
+            palette.push(entry(inputs, &loaded.scaffold, of_cell, session)?);
         }
         let interpolation = match section.interpolation {
             recipe::Interpolation::Linear => Interpolation::Linear,
             recipe::Interpolation::Smoothstep => Interpolation::Smoothstep,
             recipe::Interpolation::Smooth => Interpolation::Smooth,
         };
-        let varies =
-            !section.transition.is_empty() || !section.assign.is_empty() || section.is_graded();
+        let varies = !section.transition.is_empty()
+            || !section.assign.is_empty()
+            || section.is_graded()
+            || is_sheet;
         let places = if varies {
             interpolation.places(&loaded.scaffold)
         } else {
@@ -83,7 +97,10 @@ impl Fill {
             counts,
             weights: Vec::new(),
             grading: Vec::new(),
-            follow_volume: section.follow_volume.unwrap_or(true),
+            // A blend of mid-surfaces has no volume of its own.
+            follow_volume: section.follow_volume.unwrap_or(true) && !is_sheet,
+            sheets: None,
+            thickness_asked: None,
             palette,
             fineness,
             loaded,
@@ -99,7 +116,13 @@ impl Fill {
         } else if !section.assign.is_empty() {
             fill.weights = fill.assigned(section, &setting)?;
         }
-        fill.grade(inputs, section, &setting)?;
+        if is_sheet {
+            let sheets = fill.sheet_thickness(inputs, section, &setting)?;
+            fill.thickness_asked = Some(sheets.range());
+            fill.sheets = Some(sheets);
+        } else {
+            fill.grade(inputs, section, &setting)?;
+        }
         if fill.palette.len() > 1 {
             fill.look_along(inputs)?;
         }
@@ -145,144 +168,6 @@ impl Fill {
         self.places.par_iter().map(mean).collect()
     }
 
-    /// Weights at the places from the shares' formulas and fields.
-    fn shares<'s>(
-        &self,
-        inputs: &mut Inputs,
-        section: &TilingSection,
-        setting: &dyn Fn(&str) -> Setting<'s>,
-    ) -> Result<Vec<f64>, RunError> {
-        let count = self.palette.len();
-        let mut weights = vec![0.0; count * self.places.len()];
-        let mut negative: Option<(usize, f64)> = None;
-        for (n, share) in section.transition.iter().enumerate() {
-            let key = format!("tiling.transition.{n}.weight");
-            let values = self.values(inputs, &setting(&key), &share.weight)?;
-            let place = self.palette.iter().position(|e| e.name == share.cell);
-            for (at, w) in values.into_iter().enumerate() {
-                if w < 0.0 && self.counts[at] && negative.is_none_or(|(_, least)| w < least) {
-                    negative = Some((at, w));
-                }
-                weights[at * count + place.unwrap_or(0)] += w.max(0.0);
-            }
-        }
-        if let Some((at, w)) = negative {
-            let p = self.places[at];
-            let message = format!(
-                "tiling: the weight {w} at ({}, {}, {}) is negative and counts as 0",
-                p.x, p.y, p.z
-            );
-            inputs.warn(Warning::WEIGHTS, message)?;
-        }
-        // Only some places count; the others need no sum of their own.
-        let has_sum = |own: &[f64]| own.iter().sum::<f64>() > 0.0;
-        let (known, points): (Vec<usize>, Vec<Vec3>) = (0..self.places.len())
-            .filter(|&at| self.counts[at] && has_sum(&weights[at * count..][..count]))
-            .map(|at| (at, self.places[at]))
-            .unzip();
-        let scatter = Scatter::new(&points);
-        for at in (0..self.places.len()).filter(|&at| !self.counts[at]) {
-            if has_sum(&weights[at * count..][..count]) {
-                continue;
-            }
-            if let Some((near, _)) = scatter.near(self.places[at], 1).first() {
-                let from = known[*near as usize] * count;
-                weights.copy_within(from..from + count, at * count);
-            }
-        }
-        Ok(weights)
-    }
-
-    /// Weights at the places from one cell for each element: at the nodes the mean of the elements
-    /// around, by volume.
-    fn assigned<'s>(
-        &self,
-        section: &TilingSection,
-        setting: &dyn Fn(&str) -> Setting<'s>,
-    ) -> Result<Vec<f64>, RunError> {
-        let scaffold = &self.loaded.scaffold;
-        let centres: Vec<Vec3> = scaffold
-            .elements()
-            .map(|e| e.map(e.shape().centroid()).0)
-            .collect();
-        let mut of: Vec<Option<usize>> = vec![None; scaffold.len()];
-        for (n, a) in section.assign.iter().enumerate() {
-            let key = format!("tiling.assign.{n}");
-            let place = self.palette.iter().position(|e| e.name == a.cell);
-            let inside = match &a.region {
-                None => vec![1.0; centres.len()],
-                Some(text) => setting(&format!("{key}.where")).formula(text, &centres)?,
-            };
-            let members = match &a.group {
-                None => None,
-                Some(name) => Some(self.group(name, &key)?),
-            };
-            let mut any = false;
-            for e in 0..scaffold.len() {
-                let listed = members.is_none_or(|m| m.binary_search(&(e as u32)).is_ok());
-                if listed && inside[e] > 0.0 {
-                    of[e] = place;
-                    any = true;
-                }
-            }
-            if !any {
-                return Err(RunError::Tiling(format!("{key}: no element is in it")));
-            }
-        }
-        let count = self.palette.len();
-        let mut weights = vec![vec![0.0; scaffold.nodes().len()]; count];
-        for e in scaffold.elements() {
-            let Some(cell) = of[e.index()] else {
-                return Err(RunError::Tiling(format!(
-                    "tiling.assign: element {} has no cell; begin with an entry for all: \
-                     {{ cell = ... }}",
-                    scaffold.number(e.index())
-                )));
-            };
-            let volume = e.volume().abs();
-            for &n in e.nodes() {
-                weights[cell][n as usize] += volume;
-            }
-        }
-        for node in 0..scaffold.nodes().len() {
-            let sum: f64 = weights.iter().map(|w| w[node]).sum();
-            for own in &mut weights {
-                own[node] /= sum.max(f64::MIN_POSITIVE);
-            }
-        }
-        // A node that no element uses has no weights.
-        let by_cell: Vec<Vec<f64>> = weights.into_iter().map(|w| self.at_places(w)).collect();
-        let mut weights = vec![0.0; count * self.places.len()];
-        for (cell, own) in by_cell.into_iter().enumerate() {
-            for (at, w) in own.into_iter().enumerate() {
-                weights[at * count + cell] = w;
-            }
-        }
-        for own in weights.chunks_exact_mut(count) {
-            if own.iter().sum::<f64>() <= 0.0 {
-                own[0] = 1.0;
-            }
-        }
-        Ok(weights)
-    }
-
-    fn group(&self, name: &str, key: &str) -> Result<&[u32], RunError> {
-        let groups = &self.loaded.groups;
-        let found = groups.iter().find(|g| g.name == name);
-        let found = found.or_else(|| groups.iter().find(|g| g.name.eq_ignore_ascii_case(name)));
-        found.map(|g| g.elements.as_slice()).ok_or_else(|| {
-            let known: Vec<&str> = groups.iter().map(|g| g.name.as_str()).collect();
-            RunError::Tiling(format!(
-                "{key}: the scaffold has no group {name:?}; it has {}",
-                if known.is_empty() {
-                    "none".into()
-                } else {
-                    known.join(", ")
-                }
-            ))
-        })
-    }
-
     /// Turns a graded level, volume fraction or thickness into shifts at the places.
     fn grade<'s>(
         &mut self,
@@ -303,6 +188,9 @@ impl Fill {
         };
         let mut values = self.values(inputs, &setting(key), varying)?;
         if key == "tiling.thickness" {
+            let used = (0..values.len()).filter(|&n| self.counts[n]);
+            let asked = used.map(|n| [values[n]; 2]);
+            self.thickness_asked = asked.reduce(|[a, b], [c, d]| [a.min(c), b.max(d)]);
             // In reference lengths: over the scale that is continuous whatever the elements' sizes.
             let shape = self.palette[0].cells[0].element();
             let scales = self.at_places(scales(&self.loaded.scaffold, shape));
@@ -331,13 +219,60 @@ impl Fill {
             if used.is_empty() {
                 continue;
             }
-            let shifts = shifts(entry, key, range)?;
-            for n in used {
-                grading[n] += weight(n) * interpolated(&shifts, values[n]);
+            let grades = shifts(entry, key, range)?;
+            for &n in &used {
+                grading[n] += weight(n) * interpolated(&grades, values[n]);
             }
+            self.warn_of_missed(inputs, entry, &grades, (&used, &values))?;
         }
         self.grading = grading;
         Ok(())
+    }
+
+    /// Warns where no level of a cell gives the thickness asked for, in reference lengths at places.
+    fn warn_of_missed(
+        &self,
+        inputs: &mut Inputs,
+        entry: &Entry,
+        grades: &[Grade],
+        (used, values): (&[usize], &[f64]),
+    ) -> Result<(), RunError> {
+        let missed = |n: &&usize| nearest(grades, values[**n]).is_some_and(|g| g.nearest.is_some());
+        let count = used.iter().filter(missed).count();
+        let Some(&first) = used.iter().find(missed) else {
+            return Ok(());
+        };
+        let Some(found) = nearest(grades, values[first]).and_then(|g| g.nearest) else {
+            return Ok(());
+        };
+        let p = self.places[first];
+        let message = format!(
+            "tiling.thickness: cell.{} has no level of the thickness asked for at {count} of {} places, \
+             first at ({:.4}, {:.4}, {:.4}), where {found:.3} edge lengths are nearest to {:.3}; parts of \
+             the solid merge in between: ask for another thickness there, or use a sheet or a graph",
+            entry.name,
+            used.len(),
+            p.x,
+            p.y,
+            p.z,
+            values[first]
+        );
+        inputs.warn(Warning::THICKNESS, message)
+    }
+
+    /// The walls of cells that are metric sheets; none for other solids.
+    pub fn sheets(&self) -> Option<&SheetThickness> {
+        self.sheets.as_ref()
+    }
+
+    /// Least and greatest thickness asked for, world units; `None` where none is.
+    pub fn thickness_asked(&self) -> Option<[f64; 2]> {
+        self.thickness_asked
+    }
+
+    /// How numbers go on between the places where they are given.
+    pub fn interpolation(&self) -> Interpolation {
+        self.interpolation
     }
 
     /// Warns where the solid falls apart between two cells of a transition.
@@ -445,6 +380,17 @@ impl Fill {
             let mut facts = facts_by_element(&entry.cells);
             let tables = entry.tables.iter().map(|t| self.fineness.facts(t));
             facts["tables"] = tables.collect();
+            if let Some(sheets) = &self.sheets {
+                facts["solid"] = if sheets.is_inverted() {
+                    "channels"
+                } else {
+                    "sheet"
+                }
+                .into();
+                facts["thickness"] = sheets.range().into();
+                facts["level"] = serde_json::Value::Null;
+                facts["volume_fraction"] = serde_json::Value::Null;
+            }
             (entry.name.clone(), facts)
         })
     }

@@ -25,12 +25,23 @@ pub(super) fn scales(scaffold: &Scaffold, shape: Element) -> Vec<f64> {
     sums.into_iter().map(mean).collect()
 }
 
+/// A value of a graded quantity, and what gives it.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Grade {
+    /// What is asked for.
+    pub asked: f64,
+    /// What the nearest level gives, where no level gives what is asked for.
+    pub nearest: Option<f64>,
+    /// The shift of the normalised field.
+    pub shift: f64,
+}
+
 /// Shifts of the normalised field that give a cell the level asked for, over the quantity's range.
 pub(super) fn shifts(
     entry: &Entry,
     key: &str,
     (low, high): (f64, f64),
-) -> Result<Vec<(f64, f64)>, RunError> {
+) -> Result<Vec<Grade>, RunError> {
     let cell = &entry.cells[0];
     let fault = |e: crate::cell::CellError| RunError::Cell {
         key: format!("{key} of cell.{}", entry.name),
@@ -45,10 +56,15 @@ pub(super) fn shifts(
     for i in 0..steps {
         let t = i as f64 / (steps - 1).max(1) as f64;
         let at = low + (high - low) * t;
+        let mut nearest = None;
         let level = match key {
             "tiling.level" => at,
             "tiling.volume_fraction" => cell.level_for_volume_fraction(at).map_err(fault)?,
-            _ => cell.level_for_thickness(at).map_err(fault)?,
+            _ => {
+                let found = cell.nearest_level_for_thickness(at).map_err(fault)?;
+                nearest = (!found.meets(at)).then_some(found.thickness);
+                found.level
+            }
         };
         let other = cell
             .clone()
@@ -57,13 +73,25 @@ pub(super) fn shifts(
         // Off the middle of a sheet, where its field has a kink.
         let p = CellPoint(Vec3::new(0.13, 0.07, -0.05));
         let shift = Field::value(cell, p) - Field::value(&other, p);
-        found.push((at, shift / CellField::gradient_rms(&entry.tables[0])));
+        found.push(Grade {
+            asked: at,
+            nearest,
+            shift: shift / CellField::gradient_rms(&entry.tables[0]),
+        });
     }
     Ok(found)
 }
 
-/// What a table of pairs has for a value.
-pub(super) fn interpolated(table: &[(f64, f64)], v: f64) -> f64 {
-    let pairs: Vec<[f64; 2]> = table.iter().map(|&(a, b)| [a, b]).collect();
+/// The grade nearest to a value.
+pub(super) fn nearest(grades: &[Grade], v: f64) -> Option<&Grade> {
+    let distance = |g: &Grade| (g.asked - v).abs();
+    grades
+        .iter()
+        .min_by(|a, b| distance(a).total_cmp(&distance(b)))
+}
+
+/// The shift for a value, linear between grades.
+pub(super) fn interpolated(grades: &[Grade], v: f64) -> f64 {
+    let pairs: Vec<[f64; 2]> = grades.iter().map(|g| [g.asked, g.shift]).collect();
     super::varying::mapped(&pairs, v)
 }

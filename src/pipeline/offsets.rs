@@ -45,9 +45,19 @@ pub(super) struct Offsets {
     pub half: Option<f64>,
     /// Whether the tiling searches closest points, whatever the recipe says: for estimates.
     pub exact: bool,
+    /// Whether the field only serves to predict a run: approximate distances suffice.
+    pub is_estimate: bool,
 }
 
 impl Offsets {
+    /// The same for a field that only serves to predict a run.
+    pub fn for_estimate(self) -> Self {
+        Self {
+            is_estimate: true,
+            ..self
+        }
+    }
+
     /// How far from the field's own surface distances must hold, beside the band, world units.
     pub fn reach(&self) -> f64 {
         self.by.abs() + self.half.unwrap_or(0.0)
@@ -82,7 +92,7 @@ impl Offsets {
             count,
             by: self.by + by,
             half,
-            exact: self.exact,
+            ..self
         })
     }
 }
@@ -103,6 +113,7 @@ pub(super) fn foretold(stock: &Stock) -> Offsets {
             by: all.by + one.by,
             half: one.half,
             exact: true,
+            ..all
         };
     }
     all
@@ -133,7 +144,13 @@ pub(super) fn offsets(
             half_width = resample.half_width.map_or(half_width, |w| w.0);
         }
         if let Some(next) = next {
-            error_voxels = foot_error(stock, next, threads, progress)?;
+            // Distances to sheets are rebuilt from closest points, as far as they are needed.
+            let is_metric = stock.fill().is_some_and(|fill| fill.sheets().is_some());
+            error_voxels = if is_metric {
+                Some(0.0)
+            } else {
+                foot_error(stock, next, threads, progress)?
+            };
             is_field = error_voxels.is_some_and(|e| e <= LIMIT);
             if is_field {
                 (way, why) = (Way::Field, "the field's distances hold that far");

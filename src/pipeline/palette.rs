@@ -9,9 +9,9 @@ use super::error::{RunError, short};
 use super::inputs::Inputs;
 use super::report::Warning;
 use super::source::SourceFault;
-use crate::cell::{Cell, Table, fit_matched};
+use crate::cell::{Cell, Solid, Table, fit_matched};
 use crate::frame::Element;
-use crate::recipe::{Recipe, TilingSection};
+use crate::recipe::{CellSection, Recipe, TilingSection};
 use crate::scaffold::Scaffold;
 use crate::tiling::{Blend, Filling, Interpolation, Member, TilingError};
 use crate::vdb::Session;
@@ -66,15 +66,22 @@ pub(super) struct Entry {
     pub tables: Vec<Table>,
 }
 
-/// The cells of a name for every shape that occurs.
+/// The cells of a name for every shape that occurs; of a metric sheet the side of its mid-surface.
 pub(super) fn entry(
     inputs: &mut Inputs,
     scaffold: &Scaffold,
-    (name, fineness): (&str, Fineness),
+    (name, fineness, is_sheet): (&str, Fineness, bool),
     session: Session,
 ) -> Result<Entry, RunError> {
     let key = format!("cell.{name}");
     let section = &inputs.recipe.sections().cell[name];
+    let mid_surface = CellSection {
+        solid: None,
+        thickness: None,
+        invert: None,
+        ..section.clone()
+    };
+    let section = if is_sheet { &mid_surface } else { section };
     let shapes = scaffold.shapes();
     let asked = section.element.map(Element::from);
     let mut entry = Entry {
@@ -90,7 +97,14 @@ pub(super) fn entry(
         if shapes.len() > 1 && asked.is_some_and(|a| !crate::tiling::fills(a, shape)) {
             continue;
         }
-        let cell = cells::make(inputs, &key, section, element, session)?;
+        let mut cell = cells::make(inputs, &key, section, element, session)?;
+        if is_sheet {
+            let fault = |e: crate::cell::CellError| RunError::Cell {
+                key: key.clone(),
+                fault: e.into(),
+            };
+            cell = cell.with_solid(Solid::Below, 0.0).map_err(fault)?;
+        }
         entry.cells.push(cell);
     }
     if entry.cells.is_empty() {

@@ -4,10 +4,11 @@ use super::error::RunError;
 use super::filling::{Fill, Filled};
 use super::offsets::Offsets;
 use super::report::{ContinuityReport, ScaffoldReport, Warning};
+use super::sheets::SheetOptions;
 use super::stock::Stock;
 use super::{RunOptions, threads};
 use crate::cell::{Cell, Table};
-use crate::field::Field;
+use crate::field::{Field, WorldField};
 use crate::frame::{Vec3, WorldPoint};
 use crate::progress::{Progress, Threads};
 use crate::recipe::Recipe;
@@ -30,6 +31,20 @@ pub struct Probed {
     pub reference: [f64; 3],
     /// Weights of the cells, in the order of [`Probe::cells`].
     pub weights: Vec<f64>,
+}
+
+impl Probed {
+    /// A point outside the scaffold, with so many cells.
+    fn outside(distance: f64, cells: usize) -> Self {
+        Self {
+            phi: f64::NAN,
+            gradient: [f64::NAN; 3],
+            distance,
+            element: -1,
+            reference: [f64::NAN; 3],
+            weights: vec![f64::NAN; cells],
+        }
+    }
 }
 
 /// A recipe's scaffold with its cells, read and ready.
@@ -91,6 +106,20 @@ impl<'a> Probe<'a> {
             .tiling_options(self.stock.recipe.scale(), Offsets::default());
         let points: Vec<Vec3> = points.iter().map(|&p| p.into()).collect();
         self.threads.install(|| {
+            if let Some(sheets) = fill.sheets() {
+                let how = SheetOptions {
+                    tiling: options,
+                    offsets: Offsets::default(),
+                    nodes: 0.0,
+                    visits: None,
+                };
+                let field = if exact {
+                    sheets.field(fill, || fill.exact(), how)?.0
+                } else {
+                    sheets.field(fill, || fill.tabulated(), how)?.0
+                };
+                return probe_sheets(fill, &*field, options.half_width, &points);
+            }
             if exact {
                 probe::<Cell>(fill, &fill.exact()?, options, &points)
             } else {
@@ -133,6 +162,34 @@ impl<'a> Probe<'a> {
     }
 }
 
+/// Sheets at points: phi is the signed distance that the solid is made of, not clamped to the band.
+fn probe_sheets(
+    fill: &Fill,
+    field: &WorldField,
+    half_width: f64,
+    points: &[Vec3],
+) -> Result<Vec<Probed>, RunError> {
+    let scaffold = &fill.loaded.scaffold;
+    let count = fill.palette.len();
+    let filled = fill.tabulated()?;
+    let one = |&p: &Vec3| {
+        let (phi, gradient) = field.value_and_gradient(WorldPoint(p));
+        let distance = phi.clamp(-half_width, half_width);
+        match scaffold.locate(WorldPoint(p)) {
+            None => Probed::outside(distance, count),
+            Some((e, xi)) => Probed {
+                phi,
+                gradient: gradient.into(),
+                distance,
+                element: scaffold.number(e as usize) as i64,
+                reference: xi.0.into(),
+                weights: filled.weights(e as usize, xi),
+            },
+        }
+    };
+    Ok(points.par_iter().map(one).collect())
+}
+
 fn probe<C: CellField>(
     fill: &Fill,
     filled: &Filled<'_, C>,
@@ -144,14 +201,7 @@ fn probe<C: CellField>(
     let count = fill.palette.len();
     let one = |p: Vec3, distance: f64, filled: &Filled<'_, C>| match scaffold.locate(WorldPoint(p))
     {
-        None => Probed {
-            phi: f64::NAN,
-            gradient: [f64::NAN; 3],
-            distance,
-            element: -1,
-            reference: [f64::NAN; 3],
-            weights: vec![f64::NAN; count],
-        },
+        None => Probed::outside(distance, count),
         Some((e, xi)) => {
             let (phi, slope) = filled.value_and_gradient(e as usize, xi);
             let inverse = scaffold.element(e as usize).jacobian(xi).try_inverse();

@@ -1,6 +1,9 @@
 //! What a run found and made: the content of `report.json`.
 
+use super::cut_faces::CutFaces;
+use super::wall::Sampled;
 use crate::frame::Aabb;
+use crate::progress::Threads;
 use crate::tiling::{Certificate, FaceStatistics, Kernel, Seam};
 use crate::vdb::{Dropped, Unwanted};
 use serde::Serialize;
@@ -215,12 +218,65 @@ pub struct SolidReport {
     pub least_wall: Option<f64>,
     /// Where it was found.
     pub least_wall_place: Option<[f64; 3]>,
+    /// How thick its walls are beside what was asked.
+    pub thickness: Option<ThicknessReport>,
     /// The box around it.
     #[serde(rename = "box", serialize_with = "maybe_corners")]
     pub bounds: Option<Aabb>,
 }
 
+/// The thickness asked for, and that of the solid: percentiles, by area, of the diameters of inscribed balls.
+/// Balls that touch a cut (an outer face of the scaffold, a mesh that the solid is cut with) are left out.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct ThicknessReport {
+    /// What the recipe asks for in its unit; the least and the greatest where it varies.
+    pub asked: Option<Asked>,
+    /// The fifth percentile.
+    pub p5: f64,
+    /// The median.
+    pub p50: f64,
+    /// The 95th percentile.
+    pub p95: f64,
+}
+
+/// One thickness, or a range of them.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[serde(untagged)]
+pub enum Asked {
+    /// The same everywhere.
+    Uniform(f64),
+    /// Least and greatest.
+    Range([f64; 2]),
+}
+
 impl SolidReport {
+    /// Notes what was found of its walls.
+    pub(super) fn add_walls(
+        &mut self,
+        walls: Sampled,
+        asked: Option<[f64; 2]>,
+        cut: &CutFaces,
+        threads: &Threads,
+    ) {
+        let (all, thicker) = walls.all();
+        let percentiles = threads.install(|| cut.percentiles(all, thicker));
+        self.thickness = percentiles.map(|[p5, p50, p95]| ThicknessReport {
+            asked: asked.map(|[least, greatest]| {
+                if greatest - least <= 1e-9 * greatest {
+                    Asked::Uniform(greatest)
+                } else {
+                    Asked::Range([least, greatest])
+                }
+            }),
+            p5,
+            p50,
+            p95,
+        });
+        let wall = walls.least();
+        self.least_wall = wall.map(|w| w.thickness);
+        self.least_wall_place = wall.map(|w| w.place.into());
+    }
+
     /// Notes what an operation removed.
     pub(super) fn add(&mut self, unwanted: Unwanted, dropped: Dropped) {
         if matches!(unwanted, Unwanted::Voids(_)) {
@@ -314,6 +370,8 @@ impl Warning {
     pub const RESAMPLED: &'static str = "W111";
     /// W112: a table that displaces the surface by more than the recipe allows.
     pub const TABLE: &'static str = "W112";
+    /// W113: a thickness that no level of a cell gives; the nearest level is used.
+    pub const THICKNESS: &'static str = "W113";
 }
 
 fn corners<S: serde::Serializer>(b: &Aabb, s: S) -> Result<S::Ok, S::Error> {

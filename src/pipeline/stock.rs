@@ -9,6 +9,7 @@ use super::offsets::{self, Offsets};
 use super::report::{OffsetReport, Report, SolidReport, Warning};
 use super::scaffold;
 use super::shape::{Borrowed, Shape, common_part, field_operations};
+use super::sheets::SheetOptions;
 use super::standalone::StandAlone;
 use super::volumes::Volumes;
 use crate::field::WorldField;
@@ -254,16 +255,28 @@ impl<'a> Stock<'a> {
         let failed = |e: tiling::TilingError| RunError::Tiling(e.to_string());
         let scaffold = &tiling.loaded.scaffold;
         let nodes = TOLD * self.tolerance() * options.voxel_size;
-        let field: Box<WorldField<'_>> = match tiling.tabulated()? {
-            Filled::One(table) => {
-                let solid = TiledSolid::new(scaffold, table, options).map_err(failed)?;
-                self.kernel.get_or_init(|| solid.kernel());
-                Box::new(solid.noting(&self.visits).by_nodes(nodes))
-            }
-            Filled::Many(blend) => {
-                let solid = TiledSolid::owning(scaffold, *blend, options).map_err(failed)?;
-                self.kernel.get_or_init(|| solid.kernel());
-                Box::new(solid.noting(&self.visits).by_nodes(nodes))
+        let field: Box<WorldField<'_>> = if let Some(sheets) = tiling.sheets() {
+            let how = SheetOptions {
+                tiling: options,
+                offsets,
+                nodes,
+                visits: Some(&self.visits),
+            };
+            let (field, kernel) = sheets.field(tiling, || tiling.tabulated(), how)?;
+            self.kernel.get_or_init(|| kernel);
+            field
+        } else {
+            match tiling.tabulated()? {
+                Filled::One(table) => {
+                    let solid = TiledSolid::new(scaffold, table, options).map_err(failed)?;
+                    self.kernel.get_or_init(|| solid.kernel());
+                    Box::new(solid.noting(&self.visits).by_nodes(nodes))
+                }
+                Filled::Many(blend) => {
+                    let solid = TiledSolid::owning(scaffold, *blend, options).map_err(failed)?;
+                    self.kernel.get_or_init(|| solid.kernel());
+                    Box::new(solid.noting(&self.visits).by_nodes(nodes))
+                }
             }
         };
         let bounds = tiling.loaded.scaffold.bounds();
@@ -338,6 +351,12 @@ impl<'a> Stock<'a> {
         };
         let asked = self.recipe.sections().cell[&entry.name].volume_fraction;
         (asked.map(|f| f.0), Some(entry.cells[0].volume_fraction()))
+    }
+
+    /// The thickness that the recipe asks for, least and greatest, in its unit; `None` where it asks for none
+    /// in units of length.
+    pub fn thickness_asked(&self) -> Option<[f64; 2]> {
+        self.tiling.as_ref()?.thickness_asked()
     }
 
     /// The part of the report that the inputs fill in.

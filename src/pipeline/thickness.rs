@@ -158,17 +158,16 @@ impl Thickness {
     }
 }
 
-/// The first percentile of inscribed diameters over the closed mesh of a solid in memory, `None` where no
-/// ball is inscribed.
-pub(super) fn least_wall(
+/// Inscribed balls over the closed mesh of a solid in memory, enough to tell percentiles.
+pub(super) fn sampled_walls(
     bench: Bench,
     mesh: &TriMesh,
     solid: Measured,
-) -> Result<Option<Wall>, RunError> {
+) -> Result<Sampled, RunError> {
     let surface = Whole::new(mesh, solid.lattice);
     let walls = walls(bench, ("walls", SAMPLES), &surface, solid)?;
     let walls = walls.into_iter().map(|(_, wall)| wall);
-    Ok(Sampled::of(walls.collect()).least())
+    Ok(Sampled::of(walls.collect()))
 }
 
 /// Inscribed balls at places on a surface, about so many if it has more points.
@@ -277,7 +276,7 @@ mod tests {
             extent: 10.0 * mesh.bounds().size().max(),
         };
         let bench = Bench::new(&recipe, &threads, &Silent);
-        least_wall(bench, mesh, solid).unwrap().unwrap()
+        sampled_walls(bench, mesh, solid).unwrap().least().unwrap()
     }
 
     /// A box of `size`, each face an n x n grid of quads.

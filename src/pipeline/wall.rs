@@ -55,6 +55,11 @@ impl Sampled {
         self.thicker += other.thicker;
     }
 
+    /// All that were found, and how many more are thicker than was looked.
+    pub fn all(&self) -> (&[Wall], usize) {
+        (&self.walls, self.thicker)
+    }
+
     /// The first percentile, if it was measured.
     pub fn least(mut self) -> Option<Wall> {
         self.walls

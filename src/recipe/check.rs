@@ -76,11 +76,17 @@ fn cells(sections: &Sections, source: &Source) -> Checked {
                 format!("{key} takes one of level, volume_fraction, thickness; found {found}"),
             ));
         }
-        if cell.solid == Some(Solid::Sheet) && levels.is_empty() {
-            return Err(source.fault(
-                &format!("{key}.solid"),
-                "a sheet needs its thickness, volume_fraction or level (half its thickness in field units)",
-            ));
+        let graded = sections
+            .tiling
+            .as_ref()
+            .is_some_and(|t| t.is_graded() && t.cells().contains(&name.as_str()));
+        if cell.solid == Some(Solid::Sheet) && levels.is_empty() && !graded {
+            return Err(source
+                .fault(
+                    &format!("{key}.solid"),
+                    "a sheet needs its thickness, volume_fraction or level (half its thickness in field units)",
+                )
+                .hint("[tiling] thickness = 0.9 gives all sheets a thickness in the recipe's unit"));
         }
     }
     super::hybrid::check(&sections.cell).map_err(|(name, reason)| {

@@ -3,10 +3,11 @@
 //! They are given at the nodes and go on between the corners of elements, or at control points
 //! in space, where they are smooth whatever the elements are.
 
+use super::TilingError;
 use super::control::ControlLattice;
 use super::corners::Corners;
 use crate::field::Interval;
-use crate::frame::{Aabb, CellBox, CellPoint, Element, Vec3};
+use crate::frame::{Aabb, CellBox, CellPoint, Element, Vec3, WorldPoint};
 use crate::scaffold::Scaffold;
 
 /// How numbers go on between the places where they are given.
@@ -148,6 +149,37 @@ impl<'a> Distribution<'a> {
             greatest = greatest.max(own);
         }
         (greatest, (greatest - least).max(0.0) * steepest)
+    }
+}
+
+/// A number that differs over a scaffold, at points of world space.
+pub struct Graded<'a>(Distribution<'a>);
+
+impl<'a> Graded<'a> {
+    /// The number at the interpolation's places (see [`Interpolation::places`]).
+    ///
+    /// # Errors
+    /// [`TilingError::WeightCount`] if there are not as many numbers as places.
+    pub fn new(
+        scaffold: &'a Scaffold,
+        how: Interpolation,
+        values: Vec<f64>,
+    ) -> Result<Self, TilingError> {
+        let found = values.len();
+        Distribution::new(scaffold, how, 1, values)
+            .map(Self)
+            .map_err(|expected| TilingError::WeightCount { found, expected })
+    }
+
+    /// The number at a point; `None` outside the scaffold.
+    pub fn at(&self, p: WorldPoint) -> Option<f64> {
+        let (element, xi) = self.0.scaffold.locate(p)?;
+        Some(self.0.at(element as usize, xi)[0].0)
+    }
+
+    /// The numbers as given.
+    pub fn values(&self) -> &[f64] {
+        &self.0.values
     }
 }
 

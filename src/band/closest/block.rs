@@ -8,12 +8,12 @@ use super::points::Point;
 use crate::lanes::{Lanes, Work};
 
 /// Least that 1 + h k is taken for: beyond the centre of curvature other points are nearer.
-const LEAST_SPREAD: f32 = 0.3;
+pub(super) const LEAST_SPREAD: f32 = 0.3;
 /// Most that curvature may take off the distance to the tangent plane, voxels.
-const MOST_BEND: f32 = 0.25;
+pub(super) const MOST_BEND: f32 = 0.25;
 /// On a smooth surface the nearest point lies no further across than this, voxels: points are less than
 /// that apart. Twice as far away it lies on an edge, which has no tangent plane.
-const ACROSS: f32 = 1.0;
+pub(super) const ACROSS: f32 = 1.0;
 
 /// Lengths of a move.
 #[derive(Clone, Copy)]

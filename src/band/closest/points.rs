@@ -3,7 +3,8 @@
 #![allow(clippy::inline_always)]
 
 use super::super::smooth::LeafRef;
-use crate::frame::Coord;
+use super::block::{ACROSS, LEAST_SPREAD, MOST_BEND};
+use crate::frame::{Coord, Mat3, Vec3};
 use crate::lanes::{Lanes, Work, run};
 use std::ops::Range;
 
@@ -33,6 +34,34 @@ pub(super) struct Point {
     pub normal: [f32; 3],
     /// Second derivatives of the distance: x x, y y, z z, x y, y z, z x.
     pub bend: [f32; 6],
+}
+
+impl Point {
+    /// The unsigned distance, in voxels, of a place that lies `away` from this point, the nearest one, and
+    /// the unit vector away from the surface. The same rule as for the voxels of a leaf.
+    pub fn distance(&self, away: Vec3) -> (f64, Vec3) {
+        let normal = Vec3::from(self.normal.map(f64::from));
+        let [xx, yy, zz, xy, yz, zx] = self.bend.map(f64::from);
+        let hessian = Mat3::new(xx, xy, zx, xy, yy, yz, zx, yz, zz);
+        let height = away.dot(&normal);
+        let tangential = away - normal * height;
+        let across = tangential.norm_squared();
+        let bent = tangential.dot(&(hessian * tangential));
+        let curvature = if across > 1e-12 { bent / across } else { 0.0 };
+        let spread = (1.0 + height * curvature).max(f64::from(LEAST_SPREAD));
+        let more = (0.5 * bent / spread).clamp(-f64::from(MOST_BEND), 1.0);
+        let straight = away.norm();
+        let size = (height + more).abs().min(straight);
+        let edge = (across.sqrt() / f64::from(ACROSS) - 1.0).clamp(0.0, 1.0);
+        let side = 1f64.copysign(height + more);
+        let smooth = (normal + hessian * tangential / spread)
+            .try_normalize(1e-9)
+            .unwrap_or(normal);
+        let apart = away.try_normalize(1e-9).unwrap_or(smooth * side);
+        let direction = smooth * (side * (1.0 - edge)) + apart * edge;
+        let direction = direction.try_normalize(1e-9).unwrap_or(apart);
+        (size + edge * (straight - size), direction)
+    }
 }
 
 /// The voxels of a leaf and those about it.

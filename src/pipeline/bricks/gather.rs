@@ -1,5 +1,6 @@
 //! From leaf files to the files of a run, without the tree in memory.
 
+use super::super::cut_faces::CutFaces;
 use super::super::error::RunError;
 use super::super::report::{BandReport, BricksReport, OutputFile, SolidReport};
 use super::super::{Clock, Parts, Targets, output};
@@ -8,7 +9,7 @@ use super::measure::{measure, picture};
 use super::meshes::Meshes;
 use super::thickness::thickness;
 use super::volumes::Volumes;
-use super::walls::least_wall;
+use super::walls::sampled_walls;
 use crate::vdb::stored_components;
 use std::path::Path;
 
@@ -38,13 +39,12 @@ pub(super) fn gather(
     let found = measure(yard, &solid, &mut meshes)?;
     let mut meshes = meshes.commit()?;
     clock.lap("mesh")?;
-    let wall = if is_brief {
-        None
-    } else {
-        let wall = least_wall(yard, &solid)?;
+    if !is_brief {
+        let walls = sampled_walls(yard, &solid)?;
+        let cut = CutFaces::new(&yard.stock, bench.scale.voxel_size);
+        report.add_walls(walls, yard.stock.thickness_asked(), &cut, yard.threads);
         clock.lap("walls")?;
-        wall
-    };
+    }
     let volumes = Volumes::new(yard, &solid, found.frame, thickness)?;
     if volumes.are_many() {
         clock.lap("grids")?;
@@ -85,8 +85,6 @@ pub(super) fn gather(
             volume_fraction_asked: asked,
             volume_fraction_cell: cell,
             components: pieces.len() as u64,
-            least_wall: wall.map(|w| w.thickness),
-            least_wall_place: wall.map(|w| w.place.into()),
             ..report
         },
         bricks: Some(BricksReport {

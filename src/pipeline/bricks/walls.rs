@@ -1,7 +1,7 @@
-//! The least wall of a solid in bricks: measured in cubes spread over it, each with the surface around.
+//! The walls of a solid in bricks: measured in cubes spread over it, each with the surface around.
 
 use super::super::error::RunError;
-use super::super::wall::{self, Sampled, Wall};
+use super::super::wall::{self, Sampled};
 use super::later::part;
 use super::solid::StoredSolid;
 use super::{Quiet, Yard};
@@ -21,9 +21,8 @@ const CUBES: usize = 256;
 /// Samples that are wanted.
 const SAMPLES: f64 = 20_000.0;
 
-/// The first percentile of inscribed diameters over the surface; `None` where no ball is inscribed, or
-/// where that wall is thicker than [`REACH`] voxels. It does not depend on the bricks.
-pub(super) fn least_wall(yard: &Yard, solid: &StoredSolid) -> Result<Option<Wall>, RunError> {
+/// Inscribed balls over the surface up to [`REACH`] voxels of diameter. They do not depend on the bricks.
+pub(super) fn sampled_walls(yard: &Yard, solid: &StoredSolid) -> Result<Sampled, RunError> {
     let store = &solid.store;
     let cubes: Vec<Region> = store.blocks().flat_map(cubes_of).collect();
     let stride = cubes.len().div_ceil(CUBES).max(1);
@@ -38,7 +37,7 @@ pub(super) fn least_wall(yard: &Yard, solid: &StoredSolid) -> Result<Option<Wall
         sampled.add(cube_walls(yard, solid, cube, each)?);
         yard.progress.advance(1);
     }
-    Ok(sampled.least())
+    Ok(sampled)
 }
 
 /// The eight cubes of a block.

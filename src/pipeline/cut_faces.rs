@@ -1,0 +1,80 @@
+//! The faces that cut walls off: the scaffold's outer faces and the meshes that the solid is cut with.
+//!
+//! A ball that touches one of them measures where the cut is, not how thick a wall was made. The
+//! percentiles of thickness leave such balls out.
+
+use super::stock::Stock;
+use super::wall::Wall;
+use crate::frame::Vec3;
+use crate::mesh::MeshSolid;
+use crate::recipe::{Boundary, Op, Operand};
+use crate::scaffold::Scaffold;
+use rayon::prelude::*;
+
+/// Chordal error of the scaffold's curved outer faces, voxels.
+const CHORDAL_ERROR: f64 = 0.05;
+/// How much farther than its radius, in voxels, a ball is from a face that it does not touch.
+const SLACK: f64 = 0.25;
+
+/// The outer faces of the scaffold's components.
+pub(super) fn outer_faces(scaffold: &Scaffold, voxel_size: f64) -> Vec<MeshSolid> {
+    let error = CHORDAL_ERROR * voxel_size;
+    let components = 0..scaffold.components().len();
+    let outer = components.map(|n| scaffold.boundary(n, error).mesh);
+    outer.map(MeshSolid::new).collect()
+}
+
+/// The faces that cut a solid.
+pub(super) struct CutFaces<'a> {
+    scaffold: Vec<MeshSolid>,
+    meshes: Vec<&'a MeshSolid>,
+    /// Edge of a voxel, world units.
+    voxel_size: f64,
+}
+
+impl<'a> CutFaces<'a> {
+    /// Those of a run.
+    pub fn new(stock: &'a Stock, voxel_size: f64) -> Self {
+        let sections = stock.recipe.sections();
+        let is_cut = |s: &crate::recipe::ScaffoldSection| s.boundary == Boundary::Cut;
+        let mut scaffold = Vec::new();
+        let mut meshes: Vec<&MeshSolid> = Vec::new();
+        if let Some(fill) = stock.fill() {
+            if sections.scaffold.as_ref().is_some_and(is_cut) {
+                scaffold = outer_faces(&fill.loaded.scaffold, voxel_size);
+            }
+            meshes.extend(fill.loaded.envelope.as_deref());
+        }
+        for (n, op) in sections.op.iter().enumerate() {
+            if let Op::Intersect(operand) | Op::Subtract(operand) = op
+                && matches!(operand, Operand::Mesh(_) | Operand::Crystal(_))
+            {
+                meshes.push(stock.solid(&format!("op.{n}")));
+            }
+        }
+        Self {
+            scaffold,
+            meshes,
+            voxel_size,
+        }
+    }
+
+    /// The fifth, 50th and 95th percentile of thickness, world units, over the walls whose balls touch no
+    /// cut, where `thicker` more are thicker than those; `None` where a percentile is not among them.
+    pub fn percentiles(&self, walls: &[Wall], thicker: usize) -> Option<[f64; 3]> {
+        let whole = walls.par_iter().filter(|wall| !self.touch(wall));
+        let mut whole: Vec<f64> = whole.map(|wall| wall.thickness).collect();
+        whole.sort_unstable_by(f64::total_cmp);
+        let count = whole.len() + thicker;
+        let at = |share: usize| whole.get(count * share / 100).copied();
+        Some([at(5)?, at(50)?, at(95)?])
+    }
+
+    /// Whether the ball of a wall touches a cut.
+    fn touch(&self, wall: &Wall) -> bool {
+        let reach = wall.thickness / 2.0 + SLACK * self.voxel_size;
+        let near = |solid: &MeshSolid, p: Vec3| solid.closest_within(p, reach).is_some();
+        let mut all = self.scaffold.iter().chain(self.meshes.iter().copied());
+        all.any(|solid| near(solid, wall.place))
+    }
+}
