@@ -14,23 +14,31 @@
 
 use crate::frame::{Aabb, Vec3};
 use std::collections::HashMap;
+use std::hash::{BuildHasherDefault, Hasher};
 
 mod bvh;
 mod check;
 mod cloud;
 mod crossing;
+mod falloff;
 mod intersect;
+mod lattice;
 mod normals;
+mod open;
 mod openness;
 mod projection;
 mod quads;
+mod repair;
 mod rim;
 mod rows;
 mod shapes;
+mod shells;
+mod sides;
 mod skin;
 mod solid;
 mod soup;
 mod triangle;
+mod unite;
 mod winding;
 
 pub(crate) use bvh::Bvh;
@@ -40,6 +48,7 @@ pub use openness::{Hole, HopelessMesh, Openness};
 pub use projection::{Fate, Projected, Projection};
 pub use quads::QuadMesh;
 pub(crate) use quads::cut;
+pub use repair::{Repair, RepairKind, ShellReport};
 pub use skin::{Side, Skin};
 pub use solid::MeshSolid;
 pub use soup::Closest;
@@ -203,6 +212,14 @@ impl TriMesh {
         Ok(())
     }
 
+    /// The mesh with some triangles wound the other way; one flag per triangle.
+    fn with_turned(mut self, turned: &[bool]) -> Self {
+        for (t, _) in self.triangles.iter_mut().zip(turned).filter(|t| *t.1) {
+            t.swap(1, 2);
+        }
+        self
+    }
+
     /// The mesh with vertices of identical coordinates made one and unused ones left out, in order
     /// of first use; triangles keep their order and number, those that collapse included.
     #[must_use]
@@ -256,10 +273,35 @@ fn validate(vertices: &[Vec3], triangles: impl Iterator<Item = [u32; 3]>) -> Res
     Ok(())
 }
 
+/// Mixes the bits of coordinates: keys are few words, and nobody chooses them to collide.
+#[derive(Clone, Copy, Default)]
+struct BitHasher(u64);
+
+impl Hasher for BitHasher {
+    fn finish(&self) -> u64 {
+        self.0 ^ self.0 >> 32
+    }
+
+    fn write(&mut self, bytes: &[u8]) {
+        for chunk in bytes.chunks(8) {
+            let mut word = [0; 8];
+            word[..chunk.len()].copy_from_slice(chunk);
+            self.write_u64(u64::from_ne_bytes(word));
+        }
+    }
+
+    fn write_u64(&mut self, word: u64) {
+        let mixed = (self.0.rotate_left(5) ^ word ^ word >> 32).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+        self.0 = mixed ^ mixed >> 29;
+    }
+
+    fn write_usize(&mut self, _: usize) {}
+}
+
 /// Makes vertices of identical coordinates one, in order of first appearance.
 #[derive(Default)]
 pub(crate) struct Merger {
-    index: HashMap<[u64; 3], u32>,
+    index: HashMap<[u64; 3], u32, BuildHasherDefault<BitHasher>>,
     pub(crate) vertices: Vec<Vec3>,
 }
 

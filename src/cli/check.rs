@@ -32,7 +32,7 @@ fn mesh(path: &Path, session: &Session) -> Result<Answer, Failure> {
     let report =
         crate::mesh::check_with(&file.mesh, true, session).map_err(|_| Failure::stopped(130))?;
     let text = format!("{}\n{report}", path.display());
-    let passed = report.is_sound();
+    let passed = report.is_solid();
     Ok(Answer::new(text, mesh_facts(path, &report)).verdict(passed))
 }
 
@@ -53,8 +53,18 @@ pub(super) fn mesh_facts(path: &Path, r: &MeshReport) -> Value {
         "vertices": r.vertices, "triangles": r.triangles, "components": r.components,
         "volume": r.volume, "area": r.area,
         "box": corners,
-        "defects": defects, "passed": r.is_sound(),
+        "defects": defects, "passed": r.is_solid(),
     });
+    if let Some(shells) = &r.shells {
+        facts["shells"] = json!({
+            "count": shells.shells,
+            "inconsistent_faces": shells.inconsistent_faces,
+            "inward": shells.inward_shells,
+            "overlapping": shells.overlapping_shells,
+            "nested": shells.nested_shells,
+            "open": shells.open_shells,
+        });
+    }
     for (word, answer) in r.words() {
         facts[word.replace([' ', '-'], "_")] = json!(answer);
     }

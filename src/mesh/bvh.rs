@@ -59,7 +59,7 @@ impl Node {
     }
 
     /// Squared distances from a point to the four boxes, not more than the true ones.
-    fn distances(&self, p: [f32; 3]) -> [f32; 4] {
+    pub(crate) fn distances(&self, p: [f32; 3]) -> [f32; 4] {
         let mut sum = [0f32; 4];
         for a in 0..3 {
             for l in 0..4 {
@@ -71,6 +71,14 @@ impl Node {
             }
         }
         sum.map(|s| s * (1.0 - SLACK))
+    }
+
+    /// The longest edge of each box; of an unused lane nothing that means anything.
+    pub(crate) fn widths(&self) -> [f32; 4] {
+        [0, 1, 2, 3].map(|l| {
+            let edges = (0..3).map(|a| self.hi[a][l] - self.lo[a][l]);
+            edges.fold(0.0, f32::max)
+        })
     }
 }
 

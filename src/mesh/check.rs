@@ -9,11 +9,12 @@
 
 use super::TriMesh;
 use super::intersect::{is_flat, meeting_pairs};
+use super::repair::ShellReport;
+use super::sides::HalfEdges;
 use super::soup::Soup;
 use crate::frame::{Aabb, Vec3};
 use crate::progress::{Cancelled, Progress, Silent};
 use crate::sets::Sets;
-use rayon::prelude::*;
 use std::fmt;
 
 /// How many places of a defect are kept.
@@ -73,6 +74,8 @@ pub struct MeshReport {
     pub degenerate: Finding,
     /// Triangles that meet another where they should not; `None` if not looked for.
     pub self_intersections: Option<Finding>,
+    /// Shells that wind inward, overlap, lie in others; `None` if not looked for.
+    pub shells: Option<ShellReport>,
 }
 
 impl MeshReport {
@@ -104,6 +107,12 @@ impl MeshReport {
     /// Whether no answer is no.
     pub fn is_sound(&self) -> bool {
         self.words().iter().all(|w| w.1 != Some(false))
+    }
+    /// Whether the surface bounds a solid as it stands: it is sound, and no shell winds inward or overlaps
+    /// another.
+    pub fn is_solid(&self) -> bool {
+        let shells = self.shells.unwrap_or_default();
+        self.is_sound() && shells.inward_shells == 0 && shells.overlapping_shells == 0
     }
 
     /// The defects by name, those that occur.
@@ -151,6 +160,11 @@ impl fmt::Display for MeshReport {
             }
             writeln!(f)?;
         }
+        for (name, count) in self.shells.iter().flat_map(ShellReport::facts) {
+            if count > 0 {
+                writeln!(f, "{count} {name}")?;
+            }
+        }
         write!(
             f,
             "{} triangles, {} vertices, {} component{}, volume {:.6}, area {:.6}",
@@ -186,7 +200,7 @@ pub fn check_with(
     progress: &dyn Progress,
 ) -> Result<MeshReport, Cancelled> {
     let merged = mesh.merged();
-    let edges = Edges::of(&merged);
+    let edges = HalfEdges::of(merged.triangles(), merged.vertices().len());
     if progress.cancelled() {
         return Err(Cancelled);
     }
@@ -203,8 +217,9 @@ pub fn check_with(
         pinched_vertices: Finding::default(),
         degenerate: Finding::default(),
         self_intersections: None,
+        shells: None,
     };
-    edges.judge(&merged, &mut report);
+    judge(&edges, &merged, &mut report);
     pinches(&merged, &edges, &mut report.pinched_vertices);
     for (t, corners) in merged.iter_corners().enumerate() {
         if is_flat(&corners) {
@@ -227,48 +242,28 @@ pub fn check_with(
             });
         }
         report.self_intersections = Some(finding);
+        report.shells = Some(ShellReport::of(mesh));
     }
     Ok(report)
 }
 
-/// The sides of all triangles by vertices in rising order, sorted: those of one edge stand together.
-struct Edges(Vec<(u32, u32, u32)>);
-
-impl Edges {
-    /// Sides as (less vertex, greater vertex, 2 triangle + whether it runs from less to greater).
-    fn of(mesh: &TriMesh) -> Self {
-        let mut all: Vec<(u32, u32, u32)> = (0u32..)
-            .zip(mesh.triangles())
-            .flat_map(|(t, &[a, b, c])| [(a, b, t), (b, c, t), (c, a, t)])
-            .filter(|(a, b, _)| a != b)
-            .map(|(a, b, t)| (a.min(b), a.max(b), t << 1 | u32::from(a < b)))
-            .collect();
-        all.par_sort_unstable();
-        Self(all)
-    }
-
-    fn groups(&self) -> impl Iterator<Item = &[(u32, u32, u32)]> {
-        self.0.chunk_by(|s, t| (s.0, s.1) == (t.0, t.1))
-    }
-
-    fn judge(&self, mesh: &TriMesh, report: &mut MeshReport) {
-        for edge in self.groups() {
-            let defect = || Defect {
-                at: (mesh.vertices()[edge[0].0 as usize] + mesh.vertices()[edge[0].1 as usize])
-                    / 2.0,
-                triangles: edge.iter().take(8).map(|s| s.2 >> 1).collect(),
-            };
-            if edge.len() == 1 {
-                report.open_edges.add(defect);
-                continue;
-            }
-            let forward = edge.iter().filter(|s| s.2 & 1 == 1).count();
-            if 2 * forward != edge.len() {
-                report.turned_edges.add(defect);
-            }
-            if edge.len() > 2 {
-                report.crowded_edges.add(defect);
-            }
+/// Judges every edge by the sides of its triangles.
+fn judge(edges: &HalfEdges, mesh: &TriMesh, report: &mut MeshReport) {
+    for edge in edges.edges() {
+        let defect = || Defect {
+            at: (mesh.vertices()[edge[0].lo as usize] + mesh.vertices()[edge[0].hi as usize]) / 2.0,
+            triangles: edge.iter().take(8).map(|s| s.triangle()).collect(),
+        };
+        if edge.len() == 1 {
+            report.open_edges.add(defect);
+            continue;
+        }
+        let forward = edge.iter().filter(|s| s.is_forward()).count();
+        if 2 * forward != edge.len() {
+            report.turned_edges.add(defect);
+        }
+        if edge.len() > 2 {
+            report.crowded_edges.add(defect);
         }
     }
 }
@@ -287,7 +282,7 @@ fn components(mesh: &TriMesh) -> usize {
 }
 
 /// Vertices whose triangles do not all hang together by sides at the vertex.
-fn pinches(mesh: &TriMesh, edges: &Edges, finding: &mut Finding) {
+fn pinches(mesh: &TriMesh, edges: &HalfEdges, finding: &mut Finding) {
     let triangles = mesh.triangles();
     let corner = |t: u32, v: u32| {
         let place = triangles[t as usize]
@@ -297,11 +292,11 @@ fn pinches(mesh: &TriMesh, edges: &Edges, finding: &mut Finding) {
         3 * t as usize + place
     };
     let mut fans = Sets::new(3 * triangles.len());
-    for edge in edges.groups() {
-        let (lo, hi, first) = edge[0];
-        for &(_, _, other) in &edge[1..] {
-            for v in [lo, hi] {
-                fans.join(corner(first >> 1, v), corner(other >> 1, v));
+    for edge in edges.edges() {
+        let first = edge[0];
+        for other in &edge[1..] {
+            for v in [first.lo, first.hi] {
+                fans.join(corner(first.triangle(), v), corner(other.triangle(), v));
             }
         }
     }

@@ -9,7 +9,7 @@
 
 use super::bvh::Bvh;
 use super::soup::Soup;
-use super::winding::Winding;
+use super::winding::{FINE, Winding};
 use crate::frame::{Aabb, Vec3};
 
 /// Neighbours that a point's share of the surface is taken from.
@@ -168,7 +168,7 @@ impl CloudSolid {
 
     /// The generalised winding number: about 1 inside and 0 outside.
     pub fn winding_number(&self, p: Vec3) -> f64 {
-        self.winding.number(&self.tiles, p) / (OVERLAP * OVERLAP)
+        self.winding.number(&self.tiles, p, FINE) / (OVERLAP * OVERLAP)
     }
 
     /// Distance to the tiles, negative inside.

@@ -12,6 +12,28 @@ use robust::{Coord, Coord3D, orient2d, orient3d};
 
 /// The winding number of `q`, which lies in the box of the soup, a cycle.
 pub(crate) fn winding(soup: &Soup, bounds: &Aabb, q: Vec3) -> i64 {
+    let mut sum = 0;
+    cross(soup, bounds, q, |_, turns| sum += turns);
+    sum
+}
+
+/// The winding number of `q` by each part of a soup that its ray meets; `part` tells the part of each
+/// triangle by number. Parts that are cycles have their winding number, others an arbitrary one.
+pub(crate) fn by_part(soup: &Soup, part: &[u32], bounds: &Aabb, q: Vec3) -> Vec<(u32, i64)> {
+    let mut sums: Vec<(u32, i64)> = Vec::new();
+    cross(soup, bounds, q, |slot, turns| {
+        let part = part[soup.number[slot] as usize];
+        match sums.iter_mut().find(|s| s.0 == part) {
+            Some(found) => found.1 += turns,
+            None => sums.push((part, turns)),
+        }
+    });
+    sums
+}
+
+/// Visits the triangles that the ray from `q` to the nearest side of the box crosses, each with what it
+/// adds to the winding number.
+fn cross(soup: &Soup, bounds: &Aabb, q: Vec3, mut visit: impl FnMut(usize, i64)) {
     let (mut axis, mut ahead, mut least) = (0, true, f64::INFINITY);
     for a in 0..3 {
         for (forward, room) in [(true, bounds.max[a] - q[a]), (false, q[a] - bounds.min[a])] {
@@ -21,21 +43,24 @@ pub(crate) fn winding(soup: &Soup, bounds: &Aabb, q: Vec3) -> i64 {
         }
     }
     let direction = if ahead { 1.0 } else { -1.0 };
-    let mut sum = 0;
     soup.bvh.along(q, axis, ahead, |slot| {
         let t = &soup.corners[slot];
         let turns = turns(t, q, axis);
         if turns != 0 && height(t, q) * f64::from(turns) * direction > 0.0 {
-            sum += i64::from(turns);
+            visit(slot, i64::from(if ahead { turns } else { -turns }));
         }
     });
-    if ahead { sum } else { -sum }
 }
 
 /// How often the triangle's shadow along the axis goes round the point's: -1, 0 or 1.
 fn turns(t: &[Vec3; 3], q: Vec3, axis: usize) -> i32 {
     let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
     let at = |p: Vec3| Coord { x: p[u], y: p[v] };
+    let [a, b, c] = *t;
+    // Beside the triangle no side counts, or one forward and one back.
+    if a[u].max(b[u]).max(c[u]) < q[u] || q[u] < a[u].min(b[u]).min(c[u]) {
+        return 0;
+    }
     let mut sum = 0;
     for i in 0..3 {
         let (a, b) = (t[i], t[(i + 1) % 3]);

@@ -3,7 +3,7 @@
 //! A hole is closed where w = 1/2, about the film that a minimal surface would span. That is sound
 //! as long as most of the inside is clearly inside; a sheet, or half a box, bounds nothing.
 
-use super::rim::{self, Side};
+use super::sides::{HalfEdges, Side};
 use super::{MeshSolid, TriMesh};
 use crate::frame::Vec3;
 use std::fmt;
@@ -54,9 +54,9 @@ impl Openness {
         self.inside == 0.0 || self.doubt > HOPELESS
     }
 
-    fn of(solid: &MeshSolid) -> Self {
-        let merged = solid.mesh().merged();
-        let sides = rim::sides(merged.triangles());
+    /// Of a solid, given its mesh with vertices merged, and the sides of its triangles.
+    pub(super) fn of(solid: &MeshSolid, merged: &TriMesh, sides: &HalfEdges) -> Self {
+        let rim = sides.rim();
         let bounds = solid.bounds();
         let (mut inside, mut negative, mut doubt, mut all) = (0usize, 0usize, 0usize, 0usize);
         for n in 0..SAMPLES.pow(3) {
@@ -73,9 +73,9 @@ impl Openness {
             (inside, negative, doubt) = (0, 0, 0);
         }
         Self {
-            open_edges: sides.iter().map(|s| s.times as usize).sum(),
-            edges: merged.edges().len(),
-            holes: holes(&merged, sides),
+            open_edges: rim.iter().map(|s| s.times as usize).sum(),
+            edges: sides.edges().count(),
+            holes: holes(merged, rim),
             inside: inside as f64 / all as f64,
             doubt: doubt as f64 / inside.max(1) as f64,
             inside_out: negative > inside,
@@ -123,62 +123,54 @@ pub struct HopelessMesh {
 impl MeshSolid {
     /// How open the surface is, caps counted as surface.
     pub fn openness(&self) -> Openness {
-        Openness::of(self)
-    }
-
-    /// A solid from a mesh that may have defects: one that winds inward is turned, holes are closed
-    /// by the winding number; each such repair is a warning, one sentence in lower case.
-    ///
-    /// # Errors
-    /// [`HopelessMesh`] when the surface bounds nothing.
-    pub fn repaired(mesh: TriMesh) -> Result<(Self, Vec<String>), HopelessMesh> {
-        let mut warnings = Vec::new();
-        let mut solid = Self::new(mesh);
-        let mut openness = solid.openness();
-        if openness.inside_out {
-            warnings.push("the triangles wind inward; turned".to_owned());
-            solid = Self::new(solid.mesh().flipped());
-            openness = solid.openness();
-        }
-        if openness.is_hopeless() {
-            return Err(HopelessMesh { openness });
-        }
-        if !openness.is_closed() {
-            warnings.push(format!("{openness}; closed by the winding number"));
-        }
-        Ok((solid, warnings))
+        let merged = self.mesh().merged();
+        let sides = HalfEdges::of(merged.triangles(), merged.vertices().len());
+        Openness::of(self, &merged, &sides)
     }
 }
 
 /// Chains open edges into runs, longest first.
-fn holes(mesh: &TriMesh, mut sides: Vec<Side>) -> Vec<Hole> {
-    sides.sort_by_key(|s| (s.from, s.to));
-    let mut used = vec![false; sides.len()];
-    let mut holes = Vec::new();
-    for start in 0..sides.len() {
+fn holes(mesh: &TriMesh, sides: Vec<Side>) -> Vec<Hole> {
+    let hole = |run: Vec<Side>| {
         let mut hole = Hole {
-            edges: 0,
+            edges: run.len(),
             length: 0.0,
             centre: Vec3::zeros(),
         };
+        for side in &run {
+            let [a, b] = [side.from, side.to].map(|v| mesh.vertices()[v as usize]);
+            hole.length += (b - a).norm();
+            hole.centre += (a + b) / 2.0;
+        }
+        hole.centre /= hole.edges as f64;
+        hole
+    };
+    let mut holes: Vec<Hole> = runs(sides).into_iter().map(hole).collect();
+    holes.sort_by(|a, b| b.length.total_cmp(&a.length));
+    holes
+}
+
+/// Chains sides into runs, each a closed one where the sides are a rim with each side as often as it
+/// stands there.
+pub(super) fn runs(mut sides: Vec<Side>) -> Vec<Vec<Side>> {
+    sides.sort_by_key(|s| (s.from, s.to));
+    let mut used = vec![false; sides.len()];
+    let mut runs = Vec::new();
+    for start in 0..sides.len() {
+        let mut run = Vec::new();
         let mut next = Some(start).filter(|&s| !used[s]);
         while let Some(i) = next {
             used[i] = true;
-            let [a, b] = [sides[i].from, sides[i].to].map(|v| mesh.vertices()[v as usize]);
-            hole.edges += 1;
-            hole.length += (b - a).norm();
-            hole.centre += (a + b) / 2.0;
+            run.push(sides[i]);
             let to = sides[i].to;
             let first = sides.partition_point(|s| s.from < to);
             next = (first..sides.len())
                 .take_while(|&j| sides[j].from == to)
                 .find(|&j| !used[j]);
         }
-        if hole.edges > 0 {
-            hole.centre /= hole.edges as f64;
-            holes.push(hole);
+        if !run.is_empty() {
+            runs.push(run);
         }
     }
-    holes.sort_by(|a, b| b.length.total_cmp(&a.length));
-    holes
+    runs
 }

@@ -2,82 +2,56 @@
 //!
 //! The rim decides how the winding number may change where no surface is: it is a chain of edges,
 //! empty exactly when the triangles form a cycle (every side as often forward as backward), and then
-//! the winding number is an integer that jumps only at the surface. Otherwise
-//! |grad w| <= length / (4 pi r^2) at distance r from the rim (the law of Biot and Savart).
+//! the winding number is an integer that jumps only at the surface. Otherwise, at distance r,
+//! |grad w| is at most the sum of length / (4 pi r^2) over the rim (the law of Biot and Savart), and at most
+//! the sum of area / (2 pi r^3) over any triangles with this rim, which are a layer of dipoles.
 
-use super::soup::Soup;
+use super::falloff::Falloff;
+use super::sides::Side;
 use crate::frame::Vec3;
+use std::f64::consts::PI;
 
-/// Unanswered sides, for distances, with their length.
+/// A change that is as good as none.
+const LITTLE: f64 = 0.1;
+
+/// Unanswered sides, with their lengths, and triangles between them, with their areas.
 pub(crate) struct Rim {
-    sides: Soup,
-    length: f64,
+    sides: Falloff,
+    spanning: Falloff,
 }
 
 impl Rim {
-    /// The rim of triangles over merged vertices; `None` when it is empty.
-    pub(crate) fn new(vertices: &[Vec3], triangles: &[[u32; 3]]) -> Option<Self> {
-        let sides = sides(triangles);
+    /// The rim's sides over merged vertices, and triangles with the same rim; `None` when there are none.
+    pub(crate) fn new(vertices: &[Vec3], sides: &[Side], spanning: &[[Vec3; 3]]) -> Option<Self> {
         let at = |v: u32| vertices[v as usize];
-        let length = sides
+        let weighed: Vec<_> = sides
             .iter()
-            .map(|s| (at(s.from) - at(s.to)).norm() * f64::from(s.times))
-            .sum();
-        let soup: Vec<_> = sides
-            .iter()
-            .enumerate()
-            .map(|(i, s)| ([at(s.from), at(s.to), at(s.to)], i as u32))
+            .map(|s| {
+                let (from, to) = (at(s.from), at(s.to));
+                ([from, to, to], (from - to).norm() * f64::from(s.times))
+            })
             .collect();
-        (!soup.is_empty()).then(|| Self {
-            sides: Soup::new(&soup),
-            length,
+        let area = |[a, b, c]: [Vec3; 3]| (b - a).cross(&(c - a)).norm() / 2.0;
+        (!weighed.is_empty()).then(|| Self {
+            sides: Falloff::new(weighed),
+            spanning: Falloff::new(spanning.iter().map(|&t| (t, area(t))).collect()),
         })
     }
 
     /// How much the winding number may change within `radius` of `centre`, jumps at the surface apart,
-    /// plus the error of its approximation; infinite if the rim comes that near.
+    /// plus the error of its approximation; infinite if the rim comes that near, or it is more than 1.
     pub(crate) fn drift(&self, centre: Vec3, radius: f64) -> f64 {
-        let r = self.sides.closest(centre, None).0.distance - radius;
-        if r > 0.0 {
-            // A twentieth for what far groups are off.
-            self.length * radius / (4.0 * std::f64::consts::PI * r * r) + 0.05
-        } else {
-            f64::INFINITY
+        // A twentieth for what far groups are off.
+        const FAR: f64 = 0.05;
+        if radius == 0.0 {
+            return FAR;
         }
-    }
-}
-
-/// A side that remains: from one vertex to another, so many times.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Side {
-    pub(crate) from: u32,
-    pub(crate) to: u32,
-    pub(crate) times: u32,
-}
-
-/// Sides of triangles minus those answered in the other direction, sorted by vertex numbers.
-pub(crate) fn sides(triangles: &[[u32; 3]]) -> Vec<Side> {
-    use rayon::prelude::*;
-    let mut all: Vec<(u32, u32, bool)> = triangles
-        .iter()
-        .flat_map(|&[a, b, c]| [(a, b), (b, c), (c, a)])
-        .filter(|(a, b)| a != b)
-        .map(|(a, b)| (a.min(b), a.max(b), a < b))
-        .collect();
-    all.par_sort_unstable();
-    let mut rest = Vec::new();
-    for same in all.chunk_by(|s, t| (s.0, s.1) == (t.0, t.1)) {
-        let forward = same.iter().filter(|s| s.2).count() as i64;
-        let net = 2 * forward - same.len() as i64;
-        let (lo, hi, _) = same[0];
-        let (from, to) = if net > 0 { (lo, hi) } else { (hi, lo) };
-        if net != 0 {
-            rest.push(Side {
-                from,
-                to,
-                times: net.unsigned_abs() as u32,
-            });
+        let (length, area) = (radius / (4.0 * PI), radius / (2.0 * PI));
+        let by_sides = length * self.sides.sum(centre, radius, 2, 1.0 / length);
+        if by_sides < LITTLE {
+            return by_sides + FAR;
         }
+        let by_area = area * self.spanning.sum(centre, radius, 3, 1.0 / area);
+        by_sides.min(by_area) + FAR
     }
-    rest
 }

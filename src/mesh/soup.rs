@@ -3,6 +3,7 @@
 use super::bvh::{Bvh, Local};
 use super::triangle::closest_point;
 use crate::frame::{Aabb, Vec3};
+use std::sync::OnceLock;
 
 /// A point of a surface nearest to a query.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -78,6 +79,29 @@ impl Disc {
     }
 }
 
+/// Discs in a pack.
+pub(super) const PACK: usize = 8;
+
+/// The discs of [`PACK`] slots that follow each other, a row of numbers each; the last pack's are filled up
+/// with the last disc.
+#[derive(Clone)]
+pub(super) struct Pack {
+    pub(super) centre: [[f32; PACK]; 3],
+    pub(super) normal: [[f32; PACK]; 3],
+    pub(super) radius: [f32; PACK],
+}
+
+impl Pack {
+    fn of(discs: &[Disc]) -> Self {
+        let at = |n: usize| &discs[n.min(discs.len() - 1)];
+        Self {
+            centre: std::array::from_fn(|a| std::array::from_fn(|n| at(n).centre[a])),
+            normal: std::array::from_fn(|a| std::array::from_fn(|n| at(n).normal[a])),
+            radius: std::array::from_fn(|n| at(n).radius),
+        }
+    }
+}
+
 /// Triangles by slot, their numbers, and the tree over them.
 pub(crate) struct Soup {
     pub(crate) bvh: Bvh,
@@ -85,6 +109,7 @@ pub(crate) struct Soup {
     /// The number each slot's triangle has outside.
     pub(crate) number: Vec<u32>,
     discs: Vec<Disc>,
+    packs: OnceLock<Vec<Pack>>,
 }
 
 impl Soup {
@@ -100,8 +125,29 @@ impl Soup {
                 .collect(),
             corners,
             number: bvh.order().iter().map(|s| at(s).1).collect(),
+            packs: OnceLock::new(),
             bvh,
         }
+    }
+
+    /// The discs in packs: slot n is in pack n / [`PACK`].
+    pub(super) fn packs(&self) -> &[Pack] {
+        self.packs
+            .get_or_init(|| self.discs.chunks(PACK).map(Pack::of).collect())
+    }
+
+    /// Replaces `found` by the packs of all triangles that may be nearer than `reach` to a box, in order.
+    pub(super) fn collect_packs(&self, region: &Aabb, reach: f64, found: &mut Vec<u32>) {
+        found.clear();
+        self.bvh.overlapping(&region.dilated(reach), |slot| {
+            let pack = (slot / PACK) as u32;
+            if found.last() != Some(&pack) {
+                found.push(pack);
+            }
+            true
+        });
+        found.sort_unstable();
+        found.dedup();
     }
 
     /// The closest point, not farther than that of the slot `hint` if there is one; gives its slot.

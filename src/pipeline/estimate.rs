@@ -126,6 +126,11 @@ pub(super) fn shortage(
             None => return Ok(None),
         },
     };
+    if let Some(most) = densest(stock)?
+        && predict(stock, threads, &most).peak_memory_bytes <= available / 2
+    {
+        return Ok(None);
+    }
     let mut counts = sample(stock, threads, progress, QUICK)?;
     let quick = predict(stock, threads, &counts).peak_memory_bytes;
     if quick > available / 2 {
@@ -247,6 +252,31 @@ fn sampled(
         points: finest.points * 4f64.powi(level),
         ..finest
     })
+}
+
+/// Counts of a band that holds every voxel of the extent: no solid has more. `None` for a level set from a
+/// file.
+fn densest(stock: &Stock) -> Result<Option<Counts>, RunError> {
+    if stock.volumes.start().is_some() {
+        return Ok(None);
+    }
+    let scale = stock.recipe.scale();
+    let extent = shape_with(stock, scale, foretold(stock))?.extent;
+    // The band around the extent, and leaves that it only touches.
+    let room = 2.0 * stock.recipe.sections().band.half_width.0 + 16.0;
+    let edges = extent.size() / scale.voxel_size;
+    let active: f64 = edges.iter().map(|e| e.max(0.0) + room).product();
+    let counts = Counts {
+        blocks: active / 128f64.powi(3),
+        volume: f64::INFINITY,
+        leaves_touched: 0.0,
+        leaves: active / 512.0,
+        most: active / 512.0,
+        active,
+        points: points_of(stock, active),
+        seconds_per_leaf: 0.0,
+    };
+    Ok(Some(on_other_voxels(stock, counts)))
 }
 
 /// Counts after operations that put the solid on other voxels.

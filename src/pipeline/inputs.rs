@@ -5,7 +5,7 @@ use super::error::{RunError, show};
 use super::report::{Input, Warning};
 use crate::frame::{Aabb, LengthUnit, Vec3};
 use crate::io::{Place, ReadError};
-use crate::mesh::{HopelessMesh, MeshSolid, TriMesh};
+use crate::mesh::{HopelessMesh, MeshSolid, RepairKind, TriMesh};
 use crate::recipe::{CrystalFrame, FileFrame, Recipe, SurfaceRef, Up};
 use crate::vdb::isolate::Program;
 use std::io::Read;
@@ -82,7 +82,11 @@ impl<'a> Inputs<'a> {
     fn repaired(&mut self, key: &str, mesh: TriMesh, path: &Path) -> Result<MeshSolid, RunError> {
         let (solid, repairs) = MeshSolid::repaired(mesh).map_err(|e| hopeless(path, &e))?;
         for repair in repairs {
-            self.warn(Warning::MESH, format!("{key}: {repair}"))?;
+            let code = match repair.kind {
+                RepairKind::United => Warning::OVERLAP,
+                RepairKind::Turned | RepairKind::Closed => Warning::MESH,
+            };
+            self.warn(code, format!("{key}: {repair}"))?;
         }
         Ok(solid)
     }

@@ -372,6 +372,8 @@ impl Warning {
     pub const TABLE: &'static str = "W112";
     /// W113: a thickness that no level of a cell gives; the nearest level is used.
     pub const THICKNESS: &'static str = "W113";
+    /// W113: shells of a mesh that overlap or lie in each other, united.
+    pub const OVERLAP: &'static str = "W113";
 }
 
 fn corners<S: serde::Serializer>(b: &Aabb, s: S) -> Result<S::Ok, S::Error> {

@@ -3,7 +3,7 @@
 use super::{Source, SourceKind};
 use crate::cell::fit::{FitError, Placement, SourceReport};
 use crate::frame::{CellPoint, Element, Vec3};
-use crate::mesh::{MeshSolid, TriMesh, check};
+use crate::mesh::{MeshSolid, TriMesh};
 
 /// What becomes of triangles that lie in a face plane of the element.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -18,8 +18,6 @@ pub enum Caps {
 
 /// A triangle is a cap if its corners lie this close to a face plane, in reference units.
 const CAP_TOLERANCE: f64 = 1e-6;
-/// Most triangles that are searched for others they meet.
-const MOST_CROSSED: usize = 1_000_000;
 /// Samples are drawn towards the centroid by this share, so that none lies in a cap, where inside
 /// and outside meet.
 const PULL: f64 = 1e-5;
@@ -42,25 +40,10 @@ fn find_caps(element: Element, mesh: &TriMesh) -> Vec<bool> {
         .collect()
 }
 
-/// What to say of a mesh whose triangles meet where they should not.
-fn crossings(mesh: &TriMesh) -> Option<String> {
-    if mesh.triangles().len() > MOST_CROSSED {
-        return None;
-    }
-    let found = check(mesh).self_intersections?;
-    let at = found.places.first()?.at;
-    Some(format!(
-        "{} pairs of triangles meet, the first around ({:.4}, {:.4}, {:.4}); the winding number unites what \
-         they bound, and the fit's distances end at walls inside of it: unite the parts for an exact fit",
-        found.count, at.x, at.y, at.z
-    ))
-}
-
 impl Source {
     /// A triangle mesh. Inside is where the winding number exceeds 1/2, so that holes, loose
-    /// triangles and self-intersections leave a solid; triangles that wind inward are turned. Every
-    /// such repair is a warning, and so are triangles that meet others: those buried in the solid
-    /// still count for the distance.
+    /// triangles and self-intersections leave a solid; triangles and shells that wind inward are turned,
+    /// and overlapping shells united. Every such repair is a warning.
     ///
     /// # Errors
     /// [`FitError::Placement`]; [`FitError::Mesh`] for one without triangles or that bounds no solid.
@@ -74,22 +57,22 @@ impl Source {
             return Err(FitError::Mesh("no triangles".to_owned()));
         }
         let placed = placement.affine(element, mesh.bounds())?.mesh(mesh);
-        let (repaired, mut warnings) =
-            MeshSolid::repaired(placed).map_err(|e| FitError::Mesh(e.to_string()))?;
-        let placed = repaired.mesh().clone();
-        drop(repaired);
-        warnings.extend(crossings(&placed));
-        let is_cap = match caps {
-            Caps::Exclude => find_caps(element, &placed),
+        let find = |placed: &TriMesh| match caps {
+            Caps::Exclude => find_caps(element, placed),
             Caps::Keep => vec![false; placed.triangles().len()],
         };
+        let (solid, repairs) = MeshSolid::repaired_with_caps(placed, find)
+            .map_err(|e| FitError::Mesh(e.to_string()))?;
+        let warnings = repairs.into_iter().map(|r| r.message).collect();
+        let placed = solid.mesh();
+        let is_cap = find(placed);
         let bounds = placed.bounds();
         let (mut inside, mut area) = (0.0, 0.0);
         let mut points = Vec::new();
-        for (corners, cap) in placed.iter_corners().zip(&is_cap) {
-            if *cap {
-                continue;
-            }
+        let mut surface: Vec<_> = solid.surface().collect();
+        // In the order of the mesh's triangles, not of the tree.
+        surface.sort_by_key(|t| t.1);
+        for (corners, _) in surface {
             let [a, b, c] = corners;
             let size = (b - a).cross(&(c - a)).norm() / 2.0;
             area += size;
@@ -109,7 +92,6 @@ impl Source {
             share_inside: if area > 0.0 { inside / area } else { 0.0 },
             points: 0,
         };
-        let solid = MeshSolid::with_caps(placed, &is_cap);
         Ok(Self {
             value: Box::new(move |p| solid.signed_distance(p * (1.0 - PULL))),
             points,

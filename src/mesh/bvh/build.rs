@@ -8,6 +8,8 @@ const LEAF: usize = 2;
 const BINS: usize = 16;
 /// Depth from which ranges are halved instead of split by cost.
 const COST_DEPTH: usize = 48;
+/// Ranges of at most this many primitives are halved: bins cost more there than they save.
+const HALVED: usize = 16;
 /// Ranges of at least this many primitives are built in parallel.
 const PARALLEL: usize = 1 << 13;
 
@@ -157,7 +159,7 @@ fn split(primitives: &mut [Primitive], depth: usize) -> usize {
         (t as usize).min(BINS - 1)
     };
     let mut best = (f32::INFINITY, 0, 0);
-    if depth < COST_DEPTH {
+    if depth < COST_DEPTH && n > HALVED {
         for axis in (0..3).filter(|&a| width[a] > 0.0) {
             let mut bins = [(Extent::EMPTY, 0usize); BINS];
             for p in primitives.iter() {
@@ -194,7 +196,7 @@ fn split(primitives: &mut [Primitive], depth: usize) -> usize {
         }
         return mid;
     }
-    // All in one place, or too deep: halve along the longest axis.
+    // Few, all in one place, or too deep: halve along the longest axis.
     primitives.select_nth_unstable_by(n / 2, |p, q| {
         p.centre(longest)
             .total_cmp(&q.centre(longest))

@@ -326,7 +326,7 @@ fn a_band_limited_formula_is_found_again() {
 }
 
 #[test]
-fn triangles_that_meet_are_a_warning_with_their_place() {
+fn shells_that_meet_are_united_with_a_warning() {
     let bar = |long: usize| {
         let half = Vec3::from_fn(|a, _| if a == long { 0.3 } else { 0.1 });
         TriMesh::cuboid(&Aabb {
@@ -340,7 +340,7 @@ fn triangles_that_meet_are_a_warning_with_their_place() {
     both.append(&bar(1)).unwrap();
     let source = Source::mesh(Element::Hex, &both, &HERE, Caps::Exclude).unwrap();
     let text = &source.warnings()[0];
-    assert!(text.contains("pairs of triangles meet"), "{text}");
+    assert!(text.contains("2 of 2 shells overlap"), "{text}");
     // The union is solid, its middle included.
     for p in points(Element::Hex, 200) {
         let inside = |long: usize| (0..3).all(|a| p[a].abs() < if a == long { 0.3 } else { 0.1 });

@@ -2,7 +2,7 @@
 
 use super::{cube, joined, v, varied, without};
 use druse::frame::Vec3;
-use druse::mesh::{MeshReport, MeshSolid, TriMesh, check};
+use druse::mesh::{MeshReport, MeshSolid, Repair, TriMesh, check};
 
 /// The answers of the four words as letters: upper case for yes.
 fn words(mesh: &TriMesh) -> String {
@@ -16,6 +16,10 @@ fn words(mesh: &TriMesh) -> String {
         }
     };
     r.words().into_iter().map(letter).collect()
+}
+
+fn texts(repairs: &[Repair]) -> Vec<&str> {
+    repairs.iter().map(|r| r.message.as_str()).collect()
 }
 
 fn unit() -> TriMesh {
@@ -36,6 +40,7 @@ fn sound_meshes_have_all_four_words() {
     ] {
         let r = check(&mesh);
         assert!(r.is_sound() && r.defects().is_empty(), "{r}");
+        assert_eq!(r.is_solid(), r.volume > 0.0);
         // Euler: a sphere.
         assert_eq!(r.vertices as i64 - r.triangles as i64 / 2, 2);
     }
@@ -164,13 +169,13 @@ fn what_can_be_closed_is_and_what_cannot_is_refused_with_its_place() {
 
     let (solid, warnings) = MeshSolid::repaired(unit().flipped()).unwrap();
     assert!(solid.contains(v(0.5, 0.5, 0.5)));
-    assert_eq!(warnings, ["the triangles wind inward; turned"]);
+    assert_eq!(texts(&warnings), ["the triangles wind inward; turned"]);
 
     let lid = |t: [Vec3; 3]| t.iter().all(|p| p.z == 1.0);
     let (solid, warnings) = MeshSolid::repaired(without(&unit(), |_, t| lid(t))).unwrap();
     assert!(solid.contains(v(0.5, 0.5, 0.95)) && !solid.contains(v(0.5, 0.5, 1.05)));
     assert_eq!(
-        warnings,
+        texts(&warnings),
         [
             "4 of 17 edges are open, in 1 hole; the longest has 4 edges, length 4.0000, around (0.5000, 0.5000, 1.0000); closed by the winding number"
         ]
