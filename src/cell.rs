@@ -72,12 +72,13 @@ pub use file::CellTextError;
 pub use fit::{
     Components, Distance, Filter, FitError, FitOptions, FitReport, Hausdorff, Method, Placement,
     Sample, Solver, SourceReport, Spectrum, Symmetrise, Transform, band_of_samples, fit,
-    fit_matched, fit_mesh, fit_samples, fit_source, fourier_coefficients, lanczos, largest_band,
-    least_squares,
+    fit_matched, fit_mesh, fit_samples, fit_samples_least_squares, fit_source,
+    fourier_coefficients, lanczos, largest_band, least_squares,
 };
 pub use form::{Form, Node};
 pub use hybrid::Join;
 pub use icosahedral::{Icosahedral, lifted};
+pub use level::Density;
 pub use pairing::{default_group, groups, lattices, operators_of, rank, symmetry};
 pub use products::{Along, Column, FUNCTIONS, Products};
 pub use series::{Coefficient, Series};

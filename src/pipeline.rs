@@ -33,6 +33,7 @@ mod error;
 mod estimate;
 mod filling;
 mod fit_options;
+mod fractions;
 mod grading;
 mod group;
 mod inputs;
@@ -42,6 +43,7 @@ mod offsets;
 mod operate;
 mod output;
 mod palette;
+mod period_samples;
 mod plot;
 mod probe;
 mod report;
@@ -243,6 +245,15 @@ fn conclude(
         ..stock.recipe.scale()
     };
     stock.look_at(&parts.solid, scale)?;
+    let mut continuity = None;
+    if let Some(fill) = stock.fill().filter(|_| wants_certificate(stock.recipe)) {
+        let found = threads.install(|| fill.certificate())?;
+        continuity = Some(ContinuityReport::from(&found));
+        clock.lap("certificate")?;
+    }
+    if let Some(message) = continuity.as_ref().and_then(ContinuityReport::warning) {
+        stock.warn(Warning::CONTINUITY, message)?;
+    }
     let mut report = Report {
         band: BandReport {
             elements_visited: stock.elements_visited(),
@@ -254,13 +265,9 @@ fn conclude(
         bricks: parts.bricks,
         outputs: parts.outputs,
         threads: threads.count(),
+        continuity,
         ..stock.report()
     };
-    if let Some(fill) = stock.fill().filter(|_| wants_certificate(stock.recipe)) {
-        let found = threads.install(|| fill.certificate())?;
-        report.continuity = Some(ContinuityReport::from(&found));
-        clock.lap("certificate")?;
-    }
     report.stages = clock.stages;
     report.peak_memory_bytes = memory::peak();
     for path in &outputs.reports {

@@ -61,6 +61,7 @@ pub use certificate::{Certificate, FaceStatistics, Seam, certify};
 pub use distribution::{Graded, Interpolation};
 pub use error::TilingError;
 pub use path::{PathCheck, check_path};
+pub(crate) use seam::Ways;
 pub use source::{CellField, Filling, fills};
 pub use visits::Visits;
 

@@ -19,11 +19,13 @@ use crate::frame::{CellPoint, Element, Mat3};
 use crate::progress::Progress;
 
 mod accuracy;
+mod band;
 mod error;
 mod extension;
 mod grid;
 mod iterative;
 mod matched;
+mod on_grid;
 mod options;
 mod pieces;
 mod place;
@@ -34,13 +36,13 @@ mod sampling;
 mod solve;
 mod source;
 mod transform;
+pub use band::largest_band;
 pub use error::FitError;
 pub use matched::fit_matched;
 pub use options::{Filter, FitOptions, Method, Solver, Symmetrise};
 pub use place::Placement;
 pub use project::{fourier_coefficients, lanczos};
 pub use report::{Components, FitReport, Hausdorff, SourceReport};
-pub use run::largest_band;
 pub use solve::{Sample, least_squares};
 pub use source::{fit_mesh, fit_source};
 pub use transform::{Spectrum, Transform};
@@ -86,9 +88,11 @@ pub fn fit(
 /// Fits a cell to samples of a signed distance over one whole period of the lattice, by the plain
 /// Fourier transform: exact where the samples are symmetric and of a band below half their number.
 ///
-/// The samples stand at u = j/N - 1/2 in lattice coordinates, the last axis fastest; `method` and
-/// `samples` of the options are not looked at. [`largest_band`] is the greatest band limit that N
-/// samples carry. The report's differences are those to the samples' trilinear interpolant.
+/// The samples stand at u = j/N - 1/2 in lattice coordinates, the last axis fastest. An infinite band
+/// limit keeps every orbit all of whose members k have |k_i| < N/2 on each axis, which is what N samples
+/// tell apart; on skew lattices an orbit with a member beyond is dropped as a whole. A finite one
+/// keeps the ball |f| <= R of these, [`largest_band`] at most. `method` and `samples` of the options are
+/// not used. The report's differences are those to the samples' trilinear interpolant.
 ///
 /// # Errors
 /// As [`fit()`], and [`FitError::TooFewSamples`].
@@ -100,6 +104,44 @@ pub fn fit_samples(
     element: Element,
     samples: &[f64],
     n: usize,
+    options: &FitOptions,
+    progress: &dyn Progress,
+) -> Result<Cell, FitError> {
+    let options = FitOptions {
+        method: Method::Fft,
+        ..options.clone()
+    };
+    fit_period(name, element, (samples, n), &options, progress)
+}
+
+/// The least squares of samples over one whole period, [`fit_samples`] but for its name in the report and
+/// the penalty if one is asked for: over the period the waves are orthogonal.
+///
+/// # Errors
+/// As [`fit_samples`].
+///
+/// # Panics
+/// As [`fit_samples`].
+pub fn fit_samples_least_squares(
+    name: &str,
+    element: Element,
+    samples: &[f64],
+    n: usize,
+    options: &FitOptions,
+    progress: &dyn Progress,
+) -> Result<Cell, FitError> {
+    let options = FitOptions {
+        method: Method::Lsq,
+        ..options.clone()
+    };
+    fit_period(name, element, (samples, n), &options, progress)
+}
+
+/// The fit of `n` samples an axis over a period, by the method of the options.
+fn fit_period(
+    name: &str,
+    element: Element,
+    (samples, n): (&[f64], usize),
     options: &FitOptions,
     progress: &dyn Progress,
 ) -> Result<Cell, FitError> {
@@ -137,7 +179,6 @@ pub fn fit_samples(
         ..Extra::default()
     };
     let options = FitOptions {
-        method: Method::Fft,
         tolerance: None,
         ..options.clone()
     };
@@ -190,7 +231,7 @@ fn fit_with(
     options: &FitOptions,
     progress: &dyn Progress,
 ) -> Result<Cell, FitError> {
-    options.check()?;
+    options.check(extra.period.is_some())?;
     let job = |options: &FitOptions| {
         Job {
             element,

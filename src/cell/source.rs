@@ -233,6 +233,12 @@ impl Source {
         Ok(source)
     }
 
+    /// The greatest band limit that it is known finely enough for: infinity unless it is sampled.
+    pub fn carried_band(&self) -> f64 {
+        self.resolution
+            .map_or(f64::INFINITY, |n| (n.max(3) - 1).div_euclid(2) as f64)
+    }
+
     /// Whether it is known finely enough for frequencies up to `band_limit`.
     ///
     /// # Errors

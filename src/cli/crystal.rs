@@ -61,7 +61,8 @@ pub(super) struct Parameters {
         requires = "view"
     )]
     port: u16,
-    /// Voxels of a .vdb; a bare number is in the crystal's unit [default: 1/200 of its longest side].
+    /// Voxels of a .vdb; a bare number is in the crystal's unit [default: 1/200 of its longest side, or
+    /// the least that OpenVDB holds].
     #[arg(long, value_name = "LENGTH")]
     voxel_size: Option<Length>,
     /// Unit of the crystal's numbers [default: the recipe's, else mm].
@@ -131,6 +132,11 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
     outputs.extend(files.saved());
     for (path, bytes) in &outputs {
         let _ = write!(text, "\n{}  {}", path.display(), super::run::size(*bytes));
+        if p.voxel_size.is_none() && is_volume(path) {
+            let voxel = voxel_size(p, &mesh, source.unit);
+            let _ = write!(text, "  voxels of {voxel} {}", source.unit.symbol());
+            facts["voxel_size"] = json!(voxel);
+        }
     }
     let list: Vec<Value> = outputs
         .iter()
@@ -295,6 +301,31 @@ fn touching(mesh: &PolyMesh, session: &Session) -> Result<Option<(String, Value)
     Ok(Some((line, facts)))
 }
 
+/// Whether a path is that of a level set.
+fn is_volume(path: &Path) -> bool {
+    path.extension()
+        .is_some_and(|e| e.eq_ignore_ascii_case("vdb"))
+}
+
+/// Edge of a voxel in the crystal's unit: as asked, else by the crystal's size, to two digits.
+fn voxel_size(p: &Parameters, mesh: &PolyMesh, unit: LengthUnit) -> f64 {
+    let scale = Scale {
+        unit,
+        voxel_size: f64::NAN,
+    };
+    if let Some(asked) = p.voxel_size {
+        return asked.resolve(scale);
+    }
+    let least = Transform::LEAST_VOXEL / unit.to(LengthUnit::Metre);
+    let wanted = mesh.bounds().size().max() / FINENESS;
+    if wanted >= least {
+        return wanted;
+    }
+    // Rounded up, so that it is not below the least.
+    let digit = 10f64.powf(least.log10().floor() - 1.0);
+    (least / digit).ceil() * digit
+}
+
 /// Writes a mesh in the format of a path's extension.
 fn write(
     p: &Parameters,
@@ -304,14 +335,9 @@ fn write(
     tools: vdb::Session,
 ) -> Result<u64, Failure> {
     let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase());
-    let size = mesh.bounds().size().max();
     match extension.as_deref() {
         Some("vdb") => {
-            let scale = Scale {
-                unit,
-                voxel_size: f64::NAN,
-            };
-            let voxel = p.voxel_size.map_or(size / FINENESS, |l| l.resolve(scale));
+            let voxel = voxel_size(p, mesh, unit);
             let factor = unit.to(LengthUnit::Metre);
             if voxel * factor < Transform::LEAST_VOXEL {
                 let message = format!(

@@ -166,26 +166,30 @@ pub fn levelled(cell: Cell, section: &CellSection) -> Result<Cell, CellFault> {
         recipe::Solid::Above => Solid::Above,
         recipe::Solid::Sheet => Solid::Sheet,
     });
-    let mut cell = cell;
+    // What is asked of the solid is asked of it as it ends: after the exchange with the void.
+    let invert = section.invert == Some(true);
+    let ended = |cell: Cell| if invert { cell.inverted() } else { cell };
     if let Some(thickness) = section.thickness {
         let side = side.unwrap_or(cell.solid());
-        cell = sided(cell, side)?;
+        let cell = ended(sided(cell, side)?);
         let level = cell.level_for_thickness(thickness.0)?;
-        cell = cell.with_solid(side, level)?;
-    } else if let Some(fraction) = section.volume_fraction {
+        let side = cell.solid();
+        return Ok(cell.with_solid(side, level)?);
+    }
+    if let Some(fraction) = section.volume_fraction {
         let side = side.unwrap_or(cell.solid());
-        cell = sided(cell, side)?;
+        let cell = ended(sided(cell, side)?);
         let level = cell.level_for_volume_fraction(fraction.0)?;
-        cell = cell.with_solid(side, level)?;
-    } else if section.level.is_some() || side.is_some() {
+        let side = cell.solid();
+        return Ok(cell.with_solid(side, level)?);
+    }
+    let mut cell = cell;
+    if section.level.is_some() || side.is_some() {
         let level = section.level.map_or(cell.level(), |l| l.0);
         let side = side.unwrap_or(cell.solid());
         cell = cell.with_solid(side, level)?;
     }
-    if section.invert == Some(true) {
-        cell = cell.inverted();
-    }
-    Ok(cell)
+    Ok(ended(cell))
 }
 
 /// What a report says of a cell.

@@ -2,7 +2,7 @@
 
 use super::cells::facts_by_element;
 use super::error::RunError;
-use super::grading::{Grade, interpolated, nearest, scales, shifts};
+use super::grading::{Grade, interpolated, mean, nearest, scales, shifts};
 use super::inputs::Inputs;
 use super::palette::{Entry, Fineness, entry};
 use super::report::Warning;
@@ -46,6 +46,8 @@ pub(super) struct Fill {
     sheets: Option<SheetThickness>,
     /// Least and greatest thickness asked for, world units.
     thickness_asked: Option<[f64; 2]>,
+    /// The mean share of its volume that `tiling.volume_fraction` asks for.
+    pub fraction_asked: Option<f64>,
 }
 
 /// A filling as a run uses it: borrowed from the stock.
@@ -104,6 +106,7 @@ impl Fill {
             palette,
             fineness,
             loaded,
+            fraction_asked: None,
         };
         let bounds = fill.loaded.scaffold.bounds();
         let setting = |key: &str| Setting {
@@ -199,6 +202,12 @@ impl Fill {
             }
         }
         let smooth = self.interpolation == Interpolation::Smooth;
+        if key == "tiling.volume_fraction" {
+            self.fraction_asked = match varying {
+                Varying::Number(asked) => Some(*asked),
+                _ => (!smooth).then(|| mean(&self.loaded.scaffold, &values)),
+            };
+        }
         let count = self.palette.len();
         let mut grading = vec![0.0; values.len()];
         for (c, entry) in self.palette.iter().enumerate() {

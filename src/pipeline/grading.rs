@@ -59,7 +59,11 @@ pub(super) fn shifts(
         let mut nearest = None;
         let level = match key {
             "tiling.level" => at,
-            "tiling.volume_fraction" => cell.level_for_volume_fraction(at).map_err(fault)?,
+            "tiling.volume_fraction" => match &entry.densities[0] {
+                Some(density) => cell.level_for_volume_fraction_by(at, density),
+                None => cell.level_for_volume_fraction(at),
+            }
+            .map_err(fault)?,
             _ => {
                 let found = cell.nearest_level_for_thickness(at).map_err(fault)?;
                 nearest = (!found.meets(at)).then_some(found.thickness);
@@ -80,6 +84,18 @@ pub(super) fn shifts(
         });
     }
     Ok(found)
+}
+
+/// The mean over the scaffold's volume of values at its nodes, taken as the mean over each element's.
+pub(super) fn mean(scaffold: &Scaffold, values: &[f64]) -> f64 {
+    let (mut sum, mut volume) = (0.0, 0.0);
+    for e in scaffold.elements() {
+        let corners = &e.nodes()[..e.kind().corner_count()];
+        let own: f64 = corners.iter().map(|&n| values[n as usize]).sum();
+        sum += e.volume().abs() * own / corners.len() as f64;
+        volume += e.volume().abs();
+    }
+    sum / volume
 }
 
 /// The grade nearest to a value.

@@ -6,14 +6,16 @@
 
 use super::cells;
 use super::error::{RunError, short};
+use super::fractions;
 use super::inputs::Inputs;
 use super::report::Warning;
 use super::source::SourceFault;
-use crate::cell::{Cell, Solid, Table, fit_matched};
+use crate::cell::{Cell, Density, Solid, Table, fit_matched};
+use crate::field::Field;
 use crate::frame::Element;
 use crate::recipe::{CellSection, Recipe, TilingSection};
 use crate::scaffold::Scaffold;
-use crate::tiling::{Blend, Filling, Interpolation, Member, TilingError};
+use crate::tiling::{Blend, Filling, Interpolation, Member, TilingError, Ways};
 use crate::vdb::Session;
 
 /// How closely cells are looked at.
@@ -59,11 +61,18 @@ const FAR: f64 = 0.05;
 /// Greatest error in edge lengths of the tables of matched cells.
 const FINE: f64 = 2e-5;
 
+/// Greatest jump of tables across shared faces, as a share of the range of the values there.
+const LARGEST_JUMP: f64 = 8e-6;
+/// Tables that are tried to reach it.
+const REFINEMENTS: usize = 4;
+
 /// One cell of the palette, for each shape of element.
 pub(super) struct Entry {
     pub name: String,
     pub cells: Vec<Cell>,
     pub tables: Vec<Table>,
+    /// How elements that are not affine stretch each cell.
+    pub densities: Vec<Option<Density>>,
 }
 
 /// The cells of a name for every shape that occurs; of a metric sheet the side of its mid-surface.
@@ -88,6 +97,7 @@ pub(super) fn entry(
         name: name.to_owned(),
         cells: Vec::new(),
         tables: Vec::new(),
+        densities: Vec::new(),
     };
     for &shape in &shapes {
         // A planar cell fills the prisms over its element.
@@ -105,7 +115,13 @@ pub(super) fn entry(
             };
             cell = cell.with_solid(Solid::Below, 0.0).map_err(fault)?;
         }
+        let density = fractions::density(scaffold, &cell);
+        let cell = match section.volume_fraction {
+            Some(asked) => fractions::levelled(cell, density.as_ref(), asked.0, &key)?,
+            None => cell,
+        };
         entry.cells.push(cell);
+        entry.densities.push(density);
     }
     if entry.cells.is_empty() {
         let names: Vec<&str> = shapes.iter().map(|s| s.name()).collect();
@@ -116,6 +132,13 @@ pub(super) fn entry(
         let options = super::fit_options(section);
         entry.cells = fit_matched(&entry.cells, &options, session.progress)
             .map_err(|e| SourceFault::from(e).of(&key))?;
+        if let Some(asked) = section.volume_fraction {
+            let shifted = fractions::shifted(scaffold, entry.cells, &entry.densities, asked.0);
+            entry.cells = shifted.map_err(|e| RunError::Cell {
+                key: key.clone(),
+                fault: e.into(),
+            })?;
+        }
         let far = entry
             .cells
             .iter()
@@ -154,7 +177,54 @@ pub(super) fn entry(
         }
         entry.tables.push(table);
     }
+    refine(scaffold, &mut entry);
     Ok(entry)
+}
+
+/// Makes tables finer until elements meet across faces as closely as their cells do, or within
+/// [`LARGEST_JUMP`]: those of elements that are turned against each other, as wedges may be, err
+/// differently on the face that they share.
+fn refine(scaffold: &Scaffold, entry: &mut Entry) {
+    let elements: Vec<Element> = entry.cells.iter().map(Cell::element).collect();
+    let of = |shape: Element| {
+        let own = |&e: &Element| e == shape || crate::tiling::fills(e, shape);
+        elements.iter().position(own)
+    };
+    let ways = Ways::of(scaffold);
+    let jump = |tables: &[Table]| {
+        ways.relative_jump(&|shape, p| of(shape).map_or(0.0, |n| Field::value(&tables[n], p)))
+    };
+    let mut found = jump(&entry.tables);
+    if found <= LARGEST_JUMP {
+        return;
+    }
+    let exact =
+        ways.relative_jump(&|shape, p| of(shape).map_or(0.0, |n| Field::value(&entry.cells[n], p)));
+    let goal = LARGEST_JUMP.max(2.0 * exact);
+    for attempt in 0..REFINEMENTS {
+        if found <= goal {
+            return;
+        }
+        let share = 0.5 * goal / found;
+        let finer = |(cell, table): (&Cell, &Table)| {
+            let measured = table.displacement().filter(|_| attempt < REFINEMENTS / 2);
+            match measured {
+                Some(most) => Table::for_displacement(cell, most * share),
+                // The bound is several times the error; tables are larger than by displacement.
+                None => Table::with_tolerance(cell, table.error_bound() * share.max(0.1)),
+            }
+        };
+        let tables = entry.cells.iter().zip(&entry.tables).map(finer);
+        // What there is does not meet as closely, but it is a table.
+        let Ok(tables) = tables.collect::<Result<Vec<_>, _>>() else {
+            return;
+        };
+        let next = jump(&tables);
+        if next < found {
+            found = next;
+            entry.tables = tables;
+        }
+    }
 }
 
 /// Whether cells made for each shape by itself fail to meet on shared faces, though each is the same

@@ -115,6 +115,39 @@ impl From<&Certificate> for ContinuityReport {
     }
 }
 
+/// Jump over the field's range up to which a field counts as continuous.
+const CONTINUOUS: f64 = 1e-5;
+/// Faces of neighbours that are this share of their coordinates apart do not fit together.
+const APART: f64 = 1e-6;
+
+impl ContinuityReport {
+    /// W114 if the field is not continuous, with the worst place and what to do about it.
+    pub fn warning(&self) -> Option<String> {
+        let seam = self.worst.first()?;
+        if self.value_jump_max <= CONTINUOUS {
+            return None;
+        }
+        let reach = seam.at.iter().fold(0.0f64, |m, c| m.max(c.abs()));
+        let remedy = if seam.gap > APART * reach {
+            "the mesh does not fit together there, its faces are apart: druse scaffold check FILE \
+             names hanging nodes and open faces"
+        } else {
+            "use cells that agree on the faces: without group, so that they have their element's whole \
+             symmetry, or all_hex = true with one hex cell; a smaller tiling.tolerance makes finer tables"
+        };
+        Some(format!(
+            "the field is not continuous: it jumps by {:.2e} of its range, at most {CONTINUOUS:e} was \
+             expected, worst at ({:.6}, {:.6}, {:.6}) between elements {} and {}; {remedy}",
+            self.value_jump_max,
+            seam.at[0],
+            seam.at[1],
+            seam.at[2],
+            seam.elements[0],
+            seam.elements[1],
+        ))
+    }
+}
+
 /// The sampling.
 #[derive(Clone, Copy, Debug, Default, Serialize)]
 pub struct BandReport {
@@ -199,9 +232,9 @@ pub struct SolidReport {
     pub area: f64,
     /// Its share of the envelope, or of the scaffold where there is none.
     pub volume_fraction: Option<f64>,
-    /// Share of the element that the recipe asked for.
+    /// Share of its elements that the recipe asked for, of the cell or of the tiling (there the mean).
     pub volume_fraction_asked: Option<f64>,
-    /// Share of the element that the cell has.
+    /// Share that the cell fills of its elements as they are in space.
     pub volume_fraction_cell: Option<f64>,
     /// Pieces that do not touch.
     pub components: u64,
@@ -370,10 +403,12 @@ impl Warning {
     pub const RESAMPLED: &'static str = "W111";
     /// W112: a table that displaces the surface by more than the recipe allows.
     pub const TABLE: &'static str = "W112";
-    /// W113: a thickness that no level of a cell gives; the nearest level is used.
-    pub const THICKNESS: &'static str = "W113";
     /// W113: shells of a mesh that overlap or lie in each other, united.
     pub const OVERLAP: &'static str = "W113";
+    /// W114: a field that jumps across faces that elements share.
+    pub const CONTINUITY: &'static str = "W114";
+    /// W115: a thickness that no level of a cell gives; the nearest level is used.
+    pub const THICKNESS: &'static str = "W115";
 }
 
 fn corners<S: serde::Serializer>(b: &Aabb, s: S) -> Result<S::Ok, S::Error> {

@@ -6,15 +6,15 @@ use super::fit_options::fit_options;
 use super::inputs::frame_map;
 use super::report::Warning;
 use crate::cell::{
-    Caps, FitError, FitOptions, Method, Placement, Skeleton, SkeletonError, Source, Surface,
-    Voxels, band_of_samples, fit_samples, fit_source, graphs, plate_sets,
+    Caps, FitError, Placement, Skeleton, SkeletonError, Source, Surface, Voxels, fit_source,
+    graphs, plate_sets,
 };
 use crate::cell::{Cell, CellError, default_group, operators_of};
 use crate::field::Formula;
 use crate::frame::{Aabb, Element, LengthUnit, Vec3};
 use crate::io::{MeshFormat, Place, ReadError, TEXT_CLOUDS};
 use crate::mesh::{CloudSolid, TriMesh};
-use crate::recipe::{self, Brief, CellPlace, CellSection, FileFrame, FileRef, Recipe, Short};
+use crate::recipe::{self, Brief, CellPlace, CellSection, FileFrame, Recipe, Short};
 use crate::symmetry::GROUP_NAMES;
 use crate::vdb::{LevelSet, Session};
 use std::path::{Path, PathBuf};
@@ -111,7 +111,7 @@ pub(super) struct Reader<'a> {
 
 impl Reader<'_> {
     /// A path of the section as one that can be opened.
-    fn resolve(&self, path: &Path) -> PathBuf {
+    pub(super) fn resolve(&self, path: &Path) -> PathBuf {
         self.recipe
             .map_or_else(|| path.to_owned(), |r| r.resolve(path))
     }
@@ -198,37 +198,6 @@ impl Reader<'_> {
         Ok(source)
     }
 
-    /// The transform of the samples of a file, which stand at lattice coordinates of the period.
-    fn transformed(
-        &self,
-        name: &str,
-        section: &CellSection,
-        (element, file, mut options): (Element, &FileRef, FitOptions),
-        found: &mut Found,
-    ) -> Result<Cell, SourceFault> {
-        let path = self.resolve(&file.path);
-        let array = crate::io::read_npy(&path)?;
-        if array.shape.len() != element.dimension() {
-            let found = format!("an array of {} dimensions", array.shape.len());
-            let expected = match element.dimension() {
-                2 => "one of shape [N, N] for a planar element",
-                _ => "one of shape [N, N, N] for a solid element",
-            };
-            return Err(ReadError::data(&path, Place::File, found, expected).into());
-        }
-        let voxels = Voxels::new(&array.shape, array.values, array.binary)
-            .map_err(|e| in_file(&path, e.into()))?;
-        let n = voxels.counts()[0];
-        if section.band_limit.is_none() {
-            let carried = band_of_samples(element, &options, n)?;
-            options.band_limit = options.band_limit.min(carried);
-        }
-        let samples = voxels.signed(true);
-        found.file = Some(("voxels", path, Aabb::of(element.vertices())));
-        let progress = self.session.progress;
-        Ok(fit_samples(name, element, &samples, n, &options, progress)?)
-    }
-
     /// The cell that a section describes, before its level is found.
     pub fn cell(
         &self,
@@ -260,10 +229,14 @@ impl Reader<'_> {
         if let Some(group) = &options.group {
             options.group = Some(self.group(group)?);
         }
-        let cell = if let Some(file) = natural_samples(section, &options) {
-            self.transformed(name, section, (element, file, options), found)?
+        let of_samples = self.of_samples(name, section, (element, &options), found)?;
+        let cell = if let Some(cell) = of_samples {
+            cell
         } else {
             let source = self.source(section, element, found)?;
+            if section.band_limit.is_none() && section.tolerance.is_none() {
+                options.band_limit = options.band_limit.min(source.carried_band());
+            }
             let fitted = fit_source(name, element, &source, &options, self.session.progress);
             let cell = match fitted {
                 Err(e @ FitError::NoSymmetricPart { .. }) if element != Element::Ball => {
@@ -293,17 +266,6 @@ impl Reader<'_> {
         }
         Ok(super::group::read_group(&path)?.line())
     }
-}
-
-/// The file of samples over a whole period that are to be transformed as they are.
-fn natural_samples<'a>(section: &'a CellSection, options: &FitOptions) -> Option<&'a FileRef> {
-    let file = section.voxels.as_ref()?;
-    let placed = section
-        .place
-        .as_ref()
-        .is_some_and(|p| *p != CellPlace::Reference);
-    (options.method == Method::Fft && !placed && !has_extension(&file.path, &["vdb"]))
-        .then_some(file)
 }
 
 /// About which origin most of a source would be kept, and how to place it there.
@@ -357,7 +319,7 @@ impl From<ReadError> for SourceFault {
 }
 
 /// What is wrong with a file's geometry, with the file.
-fn in_file(path: &Path, error: FitError) -> SourceFault {
+pub(super) fn in_file(path: &Path, error: FitError) -> SourceFault {
     let expected = match &error {
         FitError::Mesh(_) => "triangles that bound a solid",
         _ => return error.into(),
@@ -370,7 +332,7 @@ fn moved(mesh: &TriMesh, file: &FileFrame) -> TriMesh {
     mesh.mapped(frame_map(file, None, LengthUnit::default()))
 }
 
-fn has_extension(path: &Path, known: &[&str]) -> bool {
+pub(super) fn has_extension(path: &Path, known: &[&str]) -> bool {
     let own = path.extension().and_then(|e| e.to_str()).unwrap_or("");
     known.iter().any(|k| own.eq_ignore_ascii_case(k))
 }

@@ -4,6 +4,7 @@ use super::RunOptions;
 use super::cells;
 use super::error::{RunError, short};
 use super::filling::{Fill, Filled};
+use super::fractions;
 use super::inputs::{Inputs, hash_text};
 use super::offsets::{self, Offsets};
 use super::report::{OffsetReport, Report, SolidReport, Warning};
@@ -198,6 +199,11 @@ impl<'a> Stock<'a> {
         Ok(())
     }
 
+    /// A warning; the end of a strict run.
+    pub fn warn(&mut self, code: &'static str, message: String) -> Result<(), RunError> {
+        self.inputs.warn(code, message)
+    }
+
     /// How many operations from the first are done before the level set is there.
     pub fn pointwise(&self) -> usize {
         match self.volumes.start() {
@@ -340,17 +346,19 @@ impl<'a> Stock<'a> {
         self.inputs.contains(path)
     }
 
-    /// Share of the element that the recipe asked of its cell, and that the cell has.
+    /// Share of its volume that the recipe asked of its cell or its tiling, and that the cell has in the
+    /// elements of the scaffold as they are.
     pub fn fractions(&self) -> (Option<f64>, Option<f64>) {
         let Some(tiling) = &self.tiling else {
             return (None, None);
         };
         // Of a blend there is no single one.
-        let [entry] = &tiling.palette[..] else {
-            return (None, None);
+        let asked = match &tiling.palette[..] {
+            [entry] => self.recipe.sections().cell[&entry.name].volume_fraction,
+            _ => None,
         };
-        let asked = self.recipe.sections().cell[&entry.name].volume_fraction;
-        (asked.map(|f| f.0), Some(entry.cells[0].volume_fraction()))
+        let asked = tiling.fraction_asked.or(asked.map(|f| f.0));
+        (asked, fractions::of_cell(tiling))
     }
 
     /// The thickness that the recipe asks for, least and greatest, in its unit; `None` where it asks for none

@@ -38,6 +38,9 @@ const GROUPS: [(&str, &[&str]); 32] = [
     ("-43m", &["z,x,y", "y,-x,-z"]), ("m-3m", &["z,x,y", "-y,x,z", "-x,-y,-z"]),
 ];
 
+/// The rows of the groups that stand on hexagonal axes.
+const HEXAGONAL: std::ops::Range<usize> = 15..27;
+
 /// The trigonal groups on rhombohedral axes.
 const RHOMBOHEDRAL: [(&str, &[&str]); 5] = [
     ("3", &["z,x,y"]),
@@ -57,6 +60,82 @@ const FULL: [(&str, &str); 7] = [
     ("monoclinic", "2/m"),
     ("triclinic", "-1"),
 ];
+
+/// The names of Schoenflies beside those of the table.
+#[rustfmt::skip]
+const SCHOENFLIES: [(&str, &str); 34] = [
+    ("C1", "1"), ("Ci", "-1"), ("C2", "2"), ("Cs", "m"), ("C2h", "2/m"), ("D2", "222"), ("C2v", "mm2"), ("D2h", "mmm"),
+    ("C4", "4"), ("S4", "-4"), ("C4h", "4/m"), ("D4", "422"), ("C4v", "4mm"), ("D2d", "-42m"), ("D4h", "4/mmm"),
+    ("C3", "3"), ("S6", "-3"), ("C3i", "-3"), ("D3", "32"), ("C3v", "3m"), ("D3d", "-3m"),
+    ("C6", "6"), ("C3h", "-6"), ("S3", "-6"), ("C6h", "6/m"), ("D6", "622"), ("C6v", "6mm"), ("D3h", "-6m2"), ("D6h", "6/mmm"),
+    ("T", "23"), ("Th", "m-3"), ("O", "432"), ("Td", "-43m"), ("Oh", "m-3m"),
+];
+
+/// The point group of a name, of Hermann and Mauguin or of Schoenflies, as matrices of the Cartesian axes:
+/// one set for each way in which its axes may stand. Hexagonal and trigonal groups have their main axis
+/// along z and an axis a along x; trigonal ones may have it along (1, 1, 1) as well.
+///
+/// # Errors
+/// [`FormError::Unknown`].
+pub fn cartesian_group(name: &str) -> Result<Vec<Vec<Mat3>>, FormError> {
+    let own = SCHOENFLIES.iter().find(|row| row.0 == name);
+    let own = own.map_or(name, |row| row.1);
+    let hexagonal = columns([1.0; 3], [90.0, 90.0, 120.0]).unwrap_or_else(Mat3::identity);
+    let row = GROUPS.iter().position(|row| row.0 == own);
+    let standing = row.map(|n| {
+        let axes = if HEXAGONAL.contains(&n) {
+            hexagonal
+        } else {
+            Mat3::identity()
+        };
+        (GROUPS[n].1, axes)
+    });
+    let diagonal = RHOMBOHEDRAL.iter().find(|row| row.0 == own);
+    let diagonal = diagonal.map(|row| (row.1, Mat3::identity()));
+    let ways = standing.into_iter().chain(diagonal);
+    let sets: Vec<Vec<Mat3>> = ways
+        .map(|(generators, axes)| {
+            let inverse = axes.try_inverse().unwrap_or_else(Mat3::identity);
+            let group = generated(own, generators);
+            let matrix = |o: &Operator<3>| axes * on_axes(o) * inverse;
+            group.operators().iter().map(matrix).collect()
+        })
+        .collect();
+    if sets.is_empty() {
+        return Err(FormError::Unknown {
+            what: "point group",
+            name: name.to_owned(),
+            known: format!(
+                "{}, or the name of Schoenflies",
+                group_names().collect::<Vec<_>>().join(", ")
+            ),
+        });
+    }
+    Ok(sets)
+}
+
+/// The group of a row of a table.
+fn generated(name: &str, generators: &[&str]) -> PointGroup<3> {
+    let operators: Vec<Operator<3>> = generators
+        .iter()
+        .map(|g| {
+            g.parse()
+                .unwrap_or_else(|_| unreachable!("a row of the table: {g}"))
+        })
+        .collect();
+    PointGroup::generated(name, &operators)
+        .unwrap_or_else(|e| unreachable!("a row of the table: {e}"))
+}
+
+/// An operator as the matrix that acts on coordinates along the lattice's axes.
+fn on_axes(operator: &Operator<3>) -> Mat3 {
+    let column = |k: usize| {
+        let mut e = [0.0; 3];
+        e[k] = 1.0;
+        Vec3::from(operator.apply(e))
+    };
+    Mat3::from_columns(&[column(0), column(1), column(2)])
+}
 
 /// Names of the 32 point groups.
 pub fn group_names() -> impl Iterator<Item = &'static str> {
@@ -208,24 +287,11 @@ impl Form {
                 known: known.join(", "),
             });
         };
-        let operators: Vec<Operator<3>> = generators
-            .iter()
-            .map(|g| {
-                g.parse()
-                    .unwrap_or_else(|_| unreachable!("a row of the table: {g}"))
-            })
-            .collect();
-        let group = PointGroup::generated(name, &operators)
-            .unwrap_or_else(|e| unreachable!("a row of the table: {e}"));
+        let group = generated(name, generators);
         // An operator is a symmetry of the lattice if it keeps its metric.
         let metric = lattice.transpose() * lattice;
         for operator in group.operators() {
-            let column = |k: usize| {
-                let mut e = [0.0; 3];
-                e[k] = 1.0;
-                Vec3::from(operator.apply(e))
-            };
-            let m = Mat3::from_columns(&[column(0), column(1), column(2)]);
+            let m = on_axes(operator);
             let changed = (m.transpose() * metric * m - metric).amax();
             if changed > 1e-9 * metric.amax() {
                 return Err(FormError::Group {
@@ -282,6 +348,14 @@ impl Form {
     pub fn orbit(&self, hkl: [i32; 3]) -> BTreeSet<[i32; 3]> {
         let images = self.group.operators().iter();
         images.map(|o| o.apply_to_frequency(hkl)).collect()
+    }
+
+    /// Whether form `n` is one of the others again, at a distance that is no less: its faces are theirs.
+    pub fn repeats(&self, n: usize) -> bool {
+        let (own, distance) = self.planes[n];
+        let orbit = self.orbit(own);
+        let mut others = self.planes.iter().enumerate().filter(|o| o.0 != n);
+        others.any(|(_, (hkl, other))| orbit.contains(hkl) && *other <= distance)
     }
 
     /// The crystal: every form is a group, in the order of the forms.

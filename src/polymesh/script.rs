@@ -55,7 +55,7 @@ pub const VERBS: &[(&str, &str)] = &[
     ("merge", "ID ID ...: puts all into the first"),
     ("renumber", "groups from 1, in order of their numbers"),
     ("startvertex", "FACES toward=[x, y, z] | at=VERTEX | lowest"),
-    ("symmetrize", "rotations=false: a group for each orbit of faces"),
+    ("symmetrize", "[GROUP] rotations=false: a group for each orbit of faces, under all symmetries or those of a point group"),
     ("move", "[x, y, z]"),
     ("turn", "[x, y, z] ANGLE: about an axis through the origin"),
     ("scale", "FACTOR"),

@@ -56,10 +56,17 @@ impl PolyMesh {
     /// The mesh with a group for each orbit of faces, in order of their first faces, and start vertices that
     /// are images of one another, by rotations where there are such. Gives the order of the group, too.
     pub fn symmetrized(&self, rotations_only: bool) -> (Self, usize) {
+        self.symmetrized_by(rotations_only, |_| true)
+    }
+
+    /// The same by some of its symmetries, which must be a group.
+    pub fn symmetrized_by(
+        &self,
+        rotations_only: bool,
+        is_chosen: impl Fn(&Symmetry) -> bool,
+    ) -> (Self, usize) {
         let mut symmetries = self.symmetries();
-        if rotations_only {
-            symmetries.retain(Symmetry::is_rotation);
-        }
+        symmetries.retain(|s| is_chosen(s) && (!rotations_only || s.is_rotation()));
         let mut groups = vec![0; self.face_count()];
         let mut shift = vec![0; self.face_count()];
         let mut orbits = 0;

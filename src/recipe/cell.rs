@@ -100,6 +100,9 @@ pub struct CellSection {
     #[cfg_attr(feature = "cli", arg(long))]
     pub lattice: Option<String>,
     /// Keep frequencies |f| <= R, in cycles per unit of reference length (hex edge 1, tet edge sqrt 2).
+    /// When left out 8; of samples of the whole period (voxels with method fft, or in a hex or quad)
+    /// all that lies below Nyquist on each axis, |k| < N/2; on skew lattices a frequency is kept if all
+    /// its images under the group are.
     #[cfg_attr(feature = "cli", arg(long, value_name = "R"))]
     pub band_limit: Option<Positive>,
     /// How the coefficients are found: by least squares over the element, by Fourier transform over

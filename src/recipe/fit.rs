@@ -49,7 +49,8 @@ pub enum Symmetrise {
 #[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 #[serde(rename_all = "lowercase")]
 pub enum Solver {
-    /// Dense up to 3000 unknowns, then iterative.
+    /// Dense up to 3000 unknowns; then over a grid of the period, dense up to 8000 (1 GiB), then
+    /// iterative.
     #[default]
     Auto,
     /// Normal equations and Cholesky, up to 4000 unknowns.

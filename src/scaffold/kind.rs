@@ -257,7 +257,8 @@ impl Kind {
         })
     }
 
-    /// Shape functions at a point of the cell frame, one per node; they sum to one.
+    /// Shape functions at a point of the cell frame, one per node; they sum to one. Those of planar kinds
+    /// do not change along z.
     pub fn shape_functions(self, xi: CellPoint<3>) -> Vec<f64> {
         if self == Self::Pyramid5 {
             return super::pyramid::shape_functions(xi).to_vec();
@@ -274,7 +275,7 @@ impl Kind {
         let basis = Basis::at(self, self.parameters(xi));
         let to_cell = self.parameters_by_cell().transpose();
         let mut out = vec![Vec3::zeros(); self.node_count()];
-        for axis in 0..3 {
+        for axis in 0..self.shape().dimension() {
             for (g, d) in out
                 .iter_mut()
                 .zip(self.combine(|control| basis.slopes[axis][control]))
@@ -352,6 +353,13 @@ impl Kind {
                 add(s, v, if n < 8 { -0.25 } else { 0.25 })
             });
         }
+        if self == Self::Quad8 {
+            let middle = nodes
+                .iter()
+                .enumerate()
+                .fold(zero, |s, (n, v)| add(s, v, if n < 4 { -0.25 } else { 0.5 }));
+            values[place(&[1, 1, 0])] = middle;
+        }
         if self == Self::Wedge15 {
             for (f, p) in row.faces[2..].iter().zip(&WEDGE18_LATTICE[15..]) {
                 let corners = f.corners.iter().map(|&n| (n, -0.25));
@@ -376,7 +384,13 @@ impl Kind {
     pub(super) fn parameters(self, xi: CellPoint<3>) -> Vec3 {
         match self.shape() {
             Element::Tet => self.parameters_by_cell() * xi.0.add_scalar(0.5),
-            Element::Wedge | Element::Tri => self.parameters_by_cell() * (xi.0 - WEDGE_CORNER),
+            Element::Wedge => self.parameters_by_cell() * (xi.0 - WEDGE_CORNER),
+            // Of planar kinds z does not count: nothing changes along it.
+            Element::Tri => {
+                let flat = Vec3::new(xi.0.x, xi.0.y, WEDGE_CORNER.z);
+                self.parameters_by_cell() * (flat - WEDGE_CORNER)
+            }
+            Element::Quad => Vec3::new(xi.0.x + 0.5, xi.0.y + 0.5, 0.0),
             Element::Pyramid => super::pyramid::parameters(xi),
             _ => xi.0.add_scalar(0.5),
         }
@@ -389,9 +403,15 @@ impl Kind {
             Element::Tet => {
                 CellPoint((Mat3::from_column_slice(&TET_FROM_PARAMETERS) * r).add_scalar(-0.5))
             }
-            Element::Wedge | Element::Tri => {
+            Element::Wedge => {
                 CellPoint(Mat3::from_column_slice(&WEDGE_FROM_PARAMETERS) * r + WEDGE_CORNER)
             }
+            // Planar kinds lie at z = 0.
+            Element::Tri => {
+                let p = Mat3::from_column_slice(&WEDGE_FROM_PARAMETERS) * r + WEDGE_CORNER;
+                CellPoint(Vec3::new(p.x, p.y, r.z))
+            }
+            Element::Quad => CellPoint(Vec3::new(r.x - 0.5, r.y - 0.5, r.z)),
             Element::Pyramid => super::pyramid::from_parameters(r),
             _ => CellPoint(r.add_scalar(-0.5)),
         }

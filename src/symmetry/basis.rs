@@ -49,8 +49,22 @@ impl<const D: usize> Basis<D> {
     /// The basis for |f| <= `radius`, in cycles per unit of reference length; functions in
     /// ascending order of (|f|, representative).
     pub fn new(group: PointGroup<D>, lattice: Lattice<D>, radius: f64) -> Self {
-        let harmonics = group
-            .orbits(&lattice, radius)
+        let orbits = group.orbits(&lattice, radius);
+        Self::of(group, lattice, radius, orbits)
+    }
+
+    /// The basis of all orbits whose every member has indices up to `greatest`, as many as
+    /// 2 `greatest` + 1 samples along each lattice vector tell apart; its radius is the greatest |f|.
+    pub fn below(group: PointGroup<D>, lattice: Lattice<D>, greatest: i32) -> Self {
+        let orbits = group.orbits_below(&lattice, greatest);
+        let radius = orbits
+            .last()
+            .map_or(0.0, |o| lattice.frequency_norm(o.representative()));
+        Self::of(group, lattice, radius, orbits)
+    }
+
+    fn of(group: PointGroup<D>, lattice: Lattice<D>, radius: f64, orbits: Vec<Orbit<D>>) -> Self {
+        let harmonics = orbits
             .into_iter()
             .filter_map(|orbit| {
                 let rep = orbit.representative();

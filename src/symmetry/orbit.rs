@@ -51,10 +51,38 @@ impl<const D: usize> PointGroup<D> {
 
     /// Every orbit within the ball |f| <= `radius`, in ascending order of (|f|, representative).
     pub fn orbits(&self, lattice: &Lattice<D>, radius: f64) -> Vec<Orbit<D>> {
-        let mut orbits: Vec<(i64, Orbit<D>)> = lattice
+        let representatives = lattice
             .band(radius)
             .into_iter()
-            .filter(|&k| self.canonical(k) == k)
+            .filter(|&k| self.canonical(k) == k);
+        self.sorted(lattice, representatives)
+    }
+
+    /// Every orbit all of whose members have indices within +-`greatest`, in the same order.
+    pub fn orbits_below(&self, lattice: &Lattice<D>, greatest: i32) -> Vec<Orbit<D>> {
+        let side = 2 * greatest as usize + 1;
+        let index = |place: usize| -> Frequency<D> {
+            std::array::from_fn(|a| {
+                let digit = place / side.pow((D - 1 - a) as u32) % side;
+                digit as i32 - greatest
+            })
+        };
+        let is_below = |k: &Frequency<D>| {
+            self.operators().iter().all(|op| {
+                let image = op.apply_to_frequency(*k);
+                image <= *k && image.iter().all(|c| c.abs() <= greatest)
+            })
+        };
+        let all = (0..side.pow(D as u32)).map(index);
+        self.sorted(lattice, all.filter(is_below))
+    }
+
+    fn sorted(
+        &self,
+        lattice: &Lattice<D>,
+        representatives: impl Iterator<Item = Frequency<D>>,
+    ) -> Vec<Orbit<D>> {
+        let mut orbits: Vec<(i64, Orbit<D>)> = representatives
             .map(|k| {
                 // |f| to 1e-9, so that equal lengths compare equal.
                 let length = (lattice.frequency_norm(k) * 1e9).round() as i64;

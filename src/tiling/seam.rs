@@ -72,22 +72,84 @@ pub(super) fn shared(scaffold: &Scaffold) -> impl Iterator<Item = (FaceRef, Face
         })
 }
 
+/// A way in which faces are joined: the first faces of the mesh that are, the shapes of their elements
+/// and both sides' vertices.
+struct Way {
+    faces: [FaceRef; 2],
+    shapes: [Element; 2],
+    mine: Vec<u8>,
+    theirs: Vec<u8>,
+}
+
+/// The ways in which the faces of a scaffold are joined, each once.
+pub(crate) struct Ways(Vec<Way>);
+
+/// Every way of joining, once.
+fn ways(scaffold: &Scaffold) -> impl Iterator<Item = Way> + '_ {
+    let mut seen = BTreeSet::new();
+    shared(scaffold).filter_map(move |(f, g)| {
+        let (mine, theirs) = joined(scaffold, f, g)?;
+        let shapes = [f, g].map(|f| scaffold.element(f.element as usize).shape());
+        let way = (shapes.map(|s| s as u8), mine.clone(), theirs.clone());
+        seen.insert(way).then_some(Way {
+            faces: [f, g],
+            shapes,
+            mine,
+            theirs,
+        })
+    })
+}
+
+/// Points along an edge of a face where jumps are compared with the range of the values.
+const ALONG: usize = 6;
+
+impl Ways {
+    /// Those of a scaffold.
+    pub fn of(scaffold: &Scaffold) -> Self {
+        Self(ways(scaffold).collect())
+    }
+
+    /// The greatest difference of a filling's values between both sides of every way of joining, as a
+    /// share of the range of its values there; 0 where no faces are shared.
+    pub fn relative_jump(&self, value: &dyn Fn(Element, CellPoint<3>) -> f64) -> f64 {
+        let (mut jump, mut low, mut high) = (0f64, f64::INFINITY, f64::NEG_INFINITY);
+        let at = |i: usize| (i as f64 + 0.37) / ALONG as f64;
+        for way in &self.0 {
+            let corners = way.mine.len();
+            let grid = (0..ALONG * ALONG).map(|n| {
+                let (a, b) = (at(n % ALONG), at(n / ALONG));
+                // The triangle's rows shrink towards its last corner.
+                let along = if corners == 3 { a * (1.0 - b) } else { a };
+                [along, b]
+            });
+            for spot in grid.chain(SPOTS) {
+                let w = shares(corners, spot);
+                let a = value(way.shapes[0], mix(way.shapes[0], &way.mine, w));
+                let b = value(way.shapes[1], mix(way.shapes[1], &way.theirs, w));
+                jump = jump.max((a - b).abs());
+                (low, high) = (low.min(a), high.max(a));
+            }
+        }
+        if jump == 0.0 {
+            return 0.0;
+        }
+        jump / (high - low).max(f64::MIN_POSITIVE)
+    }
+}
+
 /// Compares a filling's values on both sides of every way of joining; `slope` is the mean one.
 pub(super) fn check(
     scaffold: &Scaffold,
     value: &dyn Fn(Element, CellPoint<3>) -> f64,
     slope: f64,
 ) -> Result<(), TilingError> {
-    let mut seen = BTreeSet::new();
-    for (f, g) in shared(scaffold) {
-        let Some((mine, theirs)) = joined(scaffold, f, g) else {
-            continue;
-        };
-        let shapes = [f, g].map(|f| scaffold.element(f.element as usize).shape());
-        let way = (shapes.map(|s| s as u8), mine.clone(), theirs.clone());
-        if !seen.insert(way) {
-            continue;
-        }
+    for way in ways(scaffold) {
+        let Way {
+            faces,
+            shapes,
+            mine,
+            theirs,
+        } = way;
         let mut jump = 0f64;
         for spot in SPOTS {
             let w = shares(mine.len(), spot);
@@ -97,7 +159,7 @@ pub(super) fn check(
         }
         if jump > JUMP * slope {
             return Err(TilingError::Seam {
-                elements: [f, g].map(|f| scaffold.number(f.element as usize)),
+                elements: faces.map(|f| scaffold.number(f.element as usize)),
                 shapes: shapes.map(Element::name),
                 jump: jump / slope,
             });

@@ -41,6 +41,22 @@ impl Extra<'_> {
 /// Points of the source's own list that are measured at most.
 const MOST_POINTS: usize = 4000;
 
+/// Exponentials that one measure evaluates at most, about two seconds of work: cells of very many waves
+/// are measured at fewer points.
+const MOST_EVALUATED: f64 = 2e9;
+
+/// How many points of `wanted` a measure of a cell takes, at least `least` of them.
+fn affordable(cell: &Cell, wanted: usize, least: usize) -> usize {
+    let most = MOST_EVALUATED / cell.form().exponentials().max(1) as f64;
+    wanted.min((most as usize).max(least))
+}
+
+/// The same for parts of an edge of each flag, n of which have about n^3/6 points.
+fn affordable_parts(cell: &Cell, domain: &Domain, wanted: usize, least: usize) -> usize {
+    let most = affordable(cell, usize::MAX, 1) as f64 / domain.flags.len() as f64;
+    wanted.min((libm::cbrt(6.0 * most) as usize).max(least))
+}
+
 /// Measures everything but what the sampling already knows.
 pub(super) fn measure(
     cell: &Cell,
@@ -109,7 +125,7 @@ pub(super) fn measure(
 }
 
 /// Points of the period at which its gradient is sampled.
-const PERIOD_POINTS: u32 = 6000;
+const PERIOD_POINTS: usize = 6000;
 
 /// Greatest sampled gradient inside the element and over the whole period.
 fn gradients(cell: &Cell, domain: &Domain) -> (f64, f64) {
@@ -119,7 +135,7 @@ fn gradients(cell: &Cell, domain: &Domain) -> (f64, f64) {
             .map(|p| cell.form().value_and_gradient(p).1.norm())
             .reduce(|| 0.0, f64::max)
     };
-    let grid = SimplexGrid::new(20).coordinates();
+    let grid = SimplexGrid::new(affordable_parts(cell, domain, 20, 12)).coordinates();
     let inside = domain
         .flags
         .iter()
@@ -134,11 +150,11 @@ fn gradients(cell: &Cell, domain: &Domain) -> (f64, f64) {
         _ => Vec::new(),
     };
     // Multiples of the roots of x^4 = x + 1 fill the period evenly.
-    let outside = (1..=PERIOD_POINTS)
+    let outside = (1..=affordable(cell, PERIOD_POINTS, 500))
         .map(|n| {
             let steps = [0.819_172_513_4, 0.671_043_606_7, 0.549_700_477_9];
             let at = vectors.iter().zip(steps);
-            CellPoint(at.map(|(v, s)| v * (f64::from(n) * s).fract()).sum())
+            CellPoint(at.map(|(v, s)| v * (n as f64 * s).fract()).sum())
         })
         .collect();
     let inside = largest(inside);
@@ -276,6 +292,7 @@ fn hausdorff(
     // A quarter of the shortest wave; a flag is at most 0.87 long. Many flags are small or few unlike.
     let flags = (domain.flags.len() as f64).cbrt();
     let parts = ((0.9 * 4.0 * band_limit / flags).ceil() as usize).clamp(20, 56);
+    let parts = affordable_parts(cell, domain, parts, 20);
     let own = crossings(domain, parts, &|p| cell.value(p));
     let theirs = crossings(domain, parts, &|p| target.value(p));
     if own.is_empty() || theirs.is_empty() {

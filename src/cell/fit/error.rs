@@ -104,7 +104,8 @@ pub enum FitError {
     /// A transform of fewer samples than the band asks for.
     #[error(
         "{samples} samples per period do not carry band limit {band_limit}; expected at least \
-         {needed} samples, or a band limit of at most {largest:.2}"
+         {needed} samples, a band limit of at most {largest:.2}, or none, which keeps all that lies below \
+         Nyquist on each axis"
     )]
     TooFewSamples {
         /// Samples per axis.

@@ -9,12 +9,12 @@
 use super::super::Constraint;
 use super::FitError;
 use super::grid::GridSample;
+use super::on_grid::products;
 use super::transform::{Spectrum, Transform};
 
 use crate::progress::{Cancelled, Progress};
 use crate::symmetry::Basis;
 use rustfft::num_complex::Complex64;
-use std::f64::consts::SQRT_2;
 
 /// Residual, as a share of the right-hand side, at which the iteration ends: far below what the fit is
 /// off by.
@@ -39,18 +39,7 @@ struct Form<'a, const D: usize> {
 impl<const D: usize> Form<'_, D> {
     /// The products of grid values with all basis functions.
     fn gather(&self, values: &[f64]) -> Vec<f64> {
-        let spectrum = self.transform.forward(values);
-        let mut products = Vec::with_capacity(self.basis.len());
-        for h in self.basis.harmonics() {
-            let sum: Complex64 = h.orbit.members.iter().map(|&k| spectrum.plain(k)).sum();
-            if h.self_paired {
-                products.push(sum.re * h.scale);
-            } else {
-                products.push(SQRT_2 * sum.re * h.scale);
-                products.push(-SQRT_2 * sum.im * h.scale);
-            }
-        }
-        products
+        products(self.basis, &self.transform.forward(values))
     }
 
     /// The values on the grid of the function with these coefficients.

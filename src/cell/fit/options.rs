@@ -44,7 +44,8 @@ pub enum Symmetrise {
 /// How the least squares are solved.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Solver {
-    /// Dense up to 3000 unknowns, then iterative.
+    /// Dense up to 3000 unknowns; then over a grid of the period, dense up to 8000 (1 GiB), then
+    /// iterative.
     #[default]
     Auto,
     /// Normal equations and Cholesky.
@@ -71,7 +72,7 @@ pub struct FitOptions {
     /// By what rule the coefficients are found.
     pub method: Method,
     /// R: keeps |f| <= R, in cycles per unit of reference length. With a tolerance the greatest R
-    /// that is tried.
+    /// that is tried. Of samples over a period, infinity keeps all that lies below Nyquist on each axis.
     pub band_limit: f64,
     /// Name of the group; `None` for the element's whole one.
     pub group: Option<String>,
@@ -125,10 +126,13 @@ impl Default for FitOptions {
 const MOST_DENSE: usize = 4000;
 const MOST_UNKNOWNS: usize = 40_000;
 const DENSE_BY_ITSELF: usize = 3000;
+/// Greatest number of unknowns whose matrix and its factor, 16 bytes for each of its entries, are held when
+/// neither is asked for: 1 GiB.
+const DENSE_ON_GRID: usize = 8000;
 
 impl FitOptions {
     /// Checks every number by itself.
-    pub(super) fn check(&self) -> Result<(), CellError> {
+    pub(super) fn check(&self, of_samples: bool) -> Result<(), CellError> {
         let out_of_range = |what, found: f64, expected: &str| CellError::OutOfRange {
             what,
             found,
@@ -140,11 +144,13 @@ impl FitOptions {
             }
             Err(out_of_range(what, found, expected))
         };
-        positive(
-            "band_limit",
-            self.band_limit,
-            "a positive number of cycles per unit of reference length",
-        )?;
+        if !(of_samples && self.band_limit == f64::INFINITY) {
+            positive(
+                "band_limit",
+                self.band_limit,
+                "a positive number of cycles per unit of reference length",
+            )?;
+        }
         positive(
             "regularisation",
             self.lambda(),
@@ -218,13 +224,18 @@ impl FitOptions {
         Ok(())
     }
 
-    /// Whether the least squares are solved without a matrix.
-    pub(super) fn iterative(&self, element: Element, unknowns: usize) -> bool {
+    /// Whether the least squares are solved over a grid of the period.
+    pub(super) fn on_grid(&self, element: Element, unknowns: usize) -> bool {
         match self.solver {
             _ if element == Element::Ball => false,
             Solver::Auto => unknowns > DENSE_BY_ITSELF,
             Solver::Dense => false,
             Solver::Iterative => true,
         }
+    }
+
+    /// Whether they are solved without a matrix there.
+    pub(super) fn iterative(&self, unknowns: usize) -> bool {
+        self.solver == Solver::Iterative || unknowns > DENSE_ON_GRID
     }
 }

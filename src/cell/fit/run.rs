@@ -3,9 +3,9 @@
 use super::super::domain::Domain;
 use super::super::pairing;
 use super::super::{Constraint, face_normal};
+use super::band::{self, needed_samples};
 use super::extension::Extension;
-use super::grid::{grid_samples, grid_size};
-use super::iterative::conjugate_gradients;
+use super::grid::grid_size;
 use super::sampling::{Images, Place, Quality, Target, parts, places, sample};
 use super::solve::{NormalEquations, Sample};
 use super::{Distance, Extra, Filter, FitError, FitOptions, Method, Symmetrise, accuracy, project};
@@ -25,29 +25,15 @@ const LITTLE_SYMMETRIC_PART: f64 = 0.9;
 /// Below this share of its root mean square a source's asymmetry is rounding.
 const SYMMETRIC: f64 = 1e-6;
 /// Samples per shortest wave of a transform, at least; of the iterative solver's grid.
-const SAMPLES_PER_WAVE: f64 = 4.0;
+pub(super) const SAMPLES_PER_WAVE: f64 = 4.0;
 
-/// Largest band limit whose waves N samples per period tell apart.
-pub fn largest_band<const D: usize>(lattice: &Lattice<D>, n: usize) -> f64 {
-    let longest = (0..D).map(|a| lattice.columns().column(a).norm());
-    ((n.max(1) - 1) / 2) as f64 / longest.fold(0.0, f64::max)
-}
-
-/// Volume of the ball of radius 1 in 2, 3 or 6 dimensions.
-fn unit_ball(dimension: usize) -> f64 {
-    use std::f64::consts::PI;
-    match dimension {
-        2 => PI,
-        3 => 4.0 / 3.0 * PI,
-        _ => PI.powi(3) / 6.0,
-    }
-}
-
-/// Number of samples per period that a band needs: more than twice its largest index.
-fn needed_samples<const D: usize>(lattice: &Lattice<D>, band_limit: f64) -> usize {
-    let reach = |a| (band_limit * lattice.columns().column(a).norm() + 1e-9).floor() as usize;
-    2 * (0..D).map(reach).max().unwrap_or(0) + 1
-}
+/// Unknowns by which the accuracy of samples over a period is measured, whose fit needs no more.
+const MOST_MEASURED: usize = 1000;
+const LEAST_MEASURED: usize = 150;
+/// Unknowns by which it is measured times waves of the fit.
+const MOST_WORK: usize = 100_000_000;
+/// Coefficients of samples over a period below this share of the greatest are rounding.
+const ROUNDING: f64 = 1e-15;
 
 /// What every method works with.
 pub(super) struct Job<'a> {
@@ -59,10 +45,10 @@ pub(super) struct Job<'a> {
 }
 
 /// The coefficients of a fit in the real orthonormal basis.
-struct Found {
-    real: Vec<f64>,
-    quality: Quality,
-    solver: String,
+pub(super) struct Found {
+    pub real: Vec<f64>,
+    pub quality: Quality,
+    pub solver: String,
 }
 
 impl Job<'_> {
@@ -88,24 +74,8 @@ impl Job<'_> {
         if self.element == Element::Ball {
             options.check_ball()?;
         }
-        // The number of orbits, about that of unknowns, without listing them.
-        let limit = options.most_unknowns(self.element);
-        let ball = unit_ball(D) * options.band_limit.powi(D as i32) * lattice.volume();
-        let estimate = ball / group.order() as f64;
-        let too_large = |unknowns: usize| FitError::TooLarge {
-            band_limit: options.band_limit,
-            unknowns,
-            limit,
-            largest: options.band_limit
-                * (limit as f64 * 0.8 / unknowns as f64).powf(1.0 / D as f64),
-        };
-        if estimate > 2.0 * limit as f64 {
-            return Err(too_large(estimate as usize));
-        }
-        let basis = Basis::new(group, lattice, options.band_limit);
-        if basis.len() > limit {
-            return Err(too_large(basis.len()));
-        }
+        let (basis, cut) = band::basis(self.element, (group, lattice), options, self.extra)?;
+        let over_period = self.extra.period.is_some();
         let constraint = options
             .face_normal
             .then(|| face_normal::equations(&basis, self.element));
@@ -120,7 +90,10 @@ impl Job<'_> {
             symmetric: false,
         };
         let found = match options.method {
-            Method::Lsq => self.least_squares(&basis, &domain, &mut target, constraint.as_ref())?,
+            // Over the whole period the waves are orthogonal: the transform is the least squares.
+            Method::Lsq if !over_period => {
+                self.least_squares(&basis, &domain, &mut target, constraint.as_ref())?
+            }
             _ => self.transform(&basis, &domain, &mut target, constraint.as_ref())?,
         };
         let series = Series::new(
@@ -136,10 +109,28 @@ impl Job<'_> {
         let cell = Cell::new(name, self.element, series)?.with_face_normal(options.face_normal);
         cell.check_surface()?;
         self.progress.stage("fit: accuracy", None);
-        let parts = parts(self.element, &domain, basis.len(), options.samples);
+        let unknowns = if over_period {
+            // Points, hence time, grow with the unknowns and their waves.
+            let waves = basis.len() * basis.group().order();
+            basis
+                .len()
+                .min(MOST_MEASURED)
+                .min((MOST_WORK / waves.max(1)).max(LEAST_MEASURED))
+        } else {
+            basis.len()
+        };
+        let parts = parts(self.element, &domain, unknowns, options.samples);
         let sampling = (&domain, parts);
+        let own = FitOptions {
+            band_limit: basis.radius(),
+            ..options.clone()
+        };
         let mut report =
-            accuracy::measure(&cell, &target, sampling, options, self.extra, self.progress)?;
+            accuracy::measure(&cell, &target, sampling, &own, self.extra, self.progress)?;
+        if over_period {
+            report.regularisation = options.regularisation.unwrap_or(0.0);
+        }
+        report.warnings.extend(cut);
         options.method.name().clone_into(&mut report.method);
         report.solver = found.solver;
         report.degrees_of_freedom = found.real.iter().filter(|a| **a != 0.0).count();
@@ -159,7 +150,7 @@ impl Job<'_> {
     }
 
     /// Values of the target at some places, refused if nothing of the source is symmetric.
-    fn values<const D: usize>(
+    pub(super) fn values<const D: usize>(
         &self,
         basis: &Basis<D>,
         target: &mut Target,
@@ -215,8 +206,8 @@ impl Job<'_> {
                 expected: "none with method lsq: it is for the spectrum of method fft".to_owned(),
             }));
         }
-        if options.iterative(self.element, basis.len()) {
-            return self.iterative(basis, target, constraint);
+        if options.on_grid(self.element, basis.len()) {
+            return self.on_grid(basis, target, constraint);
         }
         let (places, values, quality) = self.sampled(basis, domain, target)?;
         let samples: Vec<Sample<D>> = places
@@ -233,8 +224,22 @@ impl Job<'_> {
         self.progress.stage("fit: least squares", None);
         let equations =
             NormalEquations::assemble(basis, &samples, options.lambda(), self.progress)?;
+        Ok(Found {
+            real: self.solved(basis, &equations, constraint)?,
+            quality,
+            solver: "dense".to_owned(),
+        })
+    }
+
+    /// The solution of normal equations, for the largest coefficients alone if so many are kept.
+    pub(super) fn solved<const D: usize>(
+        &self,
+        basis: &Basis<D>,
+        equations: &NormalEquations,
+        constraint: Option<&Constraint>,
+    ) -> Result<Vec<f64>, FitError> {
         let mut real = equations.solve(constraint)?;
-        if let Some(kept) = largest(basis, &real, options.keep) {
+        if let Some(kept) = largest(basis, &real, self.options.keep) {
             let indices: Vec<usize> = (0..real.len()).filter(|&i| kept[i]).collect();
             let constraint = constraint.map(|c| c.restricted(&indices));
             let own = equations.restricted(&indices).solve(constraint.as_ref())?;
@@ -243,61 +248,7 @@ impl Job<'_> {
                 real[i] = value;
             }
         }
-        Ok(Found {
-            real,
-            quality,
-            solver: "dense".to_owned(),
-        })
-    }
-
-    fn iterative<const D: usize>(
-        &self,
-        basis: &Basis<D>,
-        target: &mut Target,
-        constraint: Option<&Constraint>,
-    ) -> Result<Found, FitError> {
-        let options = self.options;
-        let lattice = basis.lattice();
-        // As dense in the element as the wanted samples, and six samples an unknown.
-        let wanted = options.samples as f64 * lattice.volume().powf(1.0 / D as f64);
-        let share = self.element.measure() / lattice.volume() / basis.group().order() as f64;
-        let by_unknowns = (6.0 * basis.len() as f64 / share).powf(1.0 / D as f64);
-        let by_band = SAMPLES_PER_WAVE / 2.0 * needed_samples(lattice, options.band_limit) as f64;
-        let n = grid_size(wanted.max(by_unknowns).max(by_band).ceil() as usize);
-        let mut samples = grid_samples(self.element, basis.group(), lattice, n, options.weights());
-        let places: Vec<Place> = samples
-            .iter()
-            .map(|s| {
-                let point = CellPoint(in_space(&s.point.0));
-                (point, s.weight * s.places.len() as f64)
-            })
-            .collect();
-        let (values, quality) = self.values(basis, target, &places, places.len())?;
-        for (s, value) in samples.iter_mut().zip(values) {
-            s.value = value;
-        }
-        self.progress.stage("fit: least squares", None);
-        let solve = |constraint: Option<&Constraint>, kept: &[bool]| {
-            conjugate_gradients(
-                basis,
-                n,
-                &samples,
-                options.lambda(),
-                constraint,
-                kept,
-                self.progress,
-            )
-        };
-        let (mut real, mut steps) = solve(constraint, &[])?;
-        if let Some(kept) = largest(basis, &real, options.keep) {
-            let constraint = constraint.map(|c| c.masked(&kept));
-            (real, steps) = solve(constraint.as_ref(), &kept)?;
-        }
-        Ok(Found {
-            real,
-            quality,
-            solver: format!("iterative, {steps} steps"),
-        })
+        Ok(real)
     }
 
     fn transform<const D: usize>(
@@ -309,19 +260,10 @@ impl Job<'_> {
     ) -> Result<Found, FitError> {
         let options = self.options;
         let lattice = basis.lattice();
-        let needed = needed_samples(lattice, options.band_limit);
         let (_, _, quality) = self.sampled(basis, domain, target)?;
+        let radius = Some(options.band_limit).filter(|r| r.is_finite());
         let (mut coefficients, n) = if let Some((samples, n)) = self.extra.period {
-            if n < needed {
-                return Err(FitError::TooFewSamples {
-                    samples: n,
-                    band_limit: options.band_limit,
-                    needed,
-                    largest: largest_band(lattice, n),
-                });
-            }
             self.progress.stage("fit: transform", None);
-            let radius = Some(options.band_limit);
             let found = project::fourier_coefficients(basis.group(), lattice, samples, n, radius);
             (found, n)
         } else {
@@ -330,12 +272,12 @@ impl Job<'_> {
                 lattice.name().unwrap_or_default(),
                 options.method == Method::Paper,
             )?;
+            let needed = needed_samples(lattice, options.band_limit);
             let wanted = options.samples as f64 * lattice.volume().powf(1.0 / D as f64);
             let by_band = SAMPLES_PER_WAVE / 2.0 * needed as f64;
             let n = grid_size(wanted.max(by_band).ceil() as usize);
             let samples = self.period(target, extension, lattice, n)?;
             self.progress.stage("fit: transform", None);
-            let radius = Some(options.band_limit);
             let found = project::fourier_coefficients(basis.group(), lattice, &samples, n, radius);
             (found, n)
         };
@@ -343,6 +285,9 @@ impl Job<'_> {
             project::lanczos(lattice, n, &mut coefficients);
         }
         let mut real = real_coefficients(basis, coefficients);
+        if self.extra.period.is_some() {
+            self.penalised(basis, &mut real);
+        }
         let mut constraint = constraint.cloned();
         if let Some(kept) = largest(basis, &real, options.keep) {
             for (value, kept) in real.iter_mut().zip(&kept) {
@@ -360,6 +305,23 @@ impl Job<'_> {
             quality,
             solver: "transform".to_owned(),
         })
+    }
+
+    /// The least squares of samples over the whole period, from their transform: the waves are
+    /// orthogonal, so that a penalty acts on each by itself, and only if one is asked for. What
+    /// is rounding becomes zero.
+    fn penalised<const D: usize>(&self, basis: &Basis<D>, real: &mut [f64]) {
+        let lambda = match self.options.method {
+            Method::Lsq => self.options.regularisation.unwrap_or(0.0),
+            _ => 0.0,
+        };
+        let greatest = real.iter().fold(0.0f64, |m, a| m.max(a.abs()));
+        for (a, f) in real.iter_mut().zip(basis.frequencies()) {
+            if a.abs() <= ROUNDING * greatest {
+                *a = 0.0;
+            }
+            *a /= 1.0 + lambda * basis.lattice().volume() * (1.0 + f * f);
+        }
     }
 
     /// The extended source on a grid of the period.
@@ -405,7 +367,7 @@ impl Job<'_> {
 
 /// The `keep` largest coefficients of an orthonormal basis, both of a pair or none; `None` if that
 /// is all of them.
-fn largest<const D: usize>(
+pub(super) fn largest<const D: usize>(
     basis: &Basis<D>,
     real: &[f64],
     keep: Option<usize>,
@@ -460,6 +422,6 @@ fn nonzero<const D: usize>(terms: Vec<(Frequency<D>, [f64; 2])>) -> Vec<(Frequen
 }
 
 /// A planar point in space; of one with internal coordinates the part in space.
-fn in_space<const D: usize>(v: &SVector<f64, D>) -> Vec3 {
+pub(super) fn in_space<const D: usize>(v: &SVector<f64, D>) -> Vec3 {
     Vec3::from_fn(|a, _| if a < D { v[a] } else { 0.0 })
 }

@@ -96,6 +96,15 @@ pub(super) struct NormalEquations {
 }
 
 impl NormalEquations {
+    /// Those of a matrix, of which only the lower triangle counts, and a right-hand side.
+    pub(super) fn of(matrix: DMatrix<f64>, right: DVector<f64>, regularisation: f64) -> Self {
+        Self {
+            matrix,
+            right,
+            regularisation,
+        }
+    }
+
     /// The result does not depend on the number of threads: panels are added in order, and each
     /// block of the matrix by one task.
     pub fn assemble<const D: usize>(

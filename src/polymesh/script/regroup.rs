@@ -3,6 +3,12 @@
 use super::argument::{Arguments, Word};
 use super::step::{Done, Outcome, mesh_of};
 use super::{ScriptError, Workshop};
+use crate::frame::Mat3;
+use crate::polymesh::PolyMesh;
+use crate::polymesh::form::cartesian_group;
+
+/// Entries of matrices that differ by less are the same.
+const SAME_MATRIX: f64 = 1e-6;
 
 fn group_number(a: &Arguments, word: &Word) -> Result<u32, ScriptError> {
     let value = a.evaluate(word)?;
@@ -106,15 +112,50 @@ pub(super) fn start_vertex(a: &mut Arguments, workshop: &Workshop) -> Done {
 
 pub(super) fn symmetrize(a: &mut Arguments, workshop: &Workshop) -> Done {
     let rotations = a.flag("rotations")?;
+    let group = a.bare();
     let mesh = mesh_of(a, workshop)?;
     let pieces = mesh.pieces().1;
     if pieces != 1 {
         return Err(a.fault(format!("the mesh has {pieces} pieces; expected one")));
     }
-    let (made, order) = mesh.symmetrized(rotations);
+    let (made, order) = match group {
+        None => mesh.symmetrized(rotations),
+        Some(word) => symmetrized_by(a, mesh, &word.text, rotations)?,
+    };
     let orbits = made.greatest_group();
     let mut outcome = Outcome::changed(workshop.model(), made);
     let what = if rotations { "rotations" } else { "symmetries" };
     outcome.notes = vec![format!("{order} {what}, {orbits} orbits of faces")];
     Ok(outcome)
+}
+
+/// A mesh symmetrized by a group that it has.
+fn symmetrized_by(
+    a: &Arguments,
+    mesh: &PolyMesh,
+    name: &str,
+    rotations: bool,
+) -> Result<(PolyMesh, usize), ScriptError> {
+    let sets = cartesian_group(name).map_err(|e| {
+        let mut error = a.fault(e.to_string());
+        error.hint = (name == "trigonal").then(|| super::step::TRIGONAL.to_owned());
+        error
+    })?;
+    let own = mesh.symmetries();
+    let found = sets.iter().find_map(|set| {
+        let is_own = |m: &Mat3| own.iter().any(|s| (s.matrix - m).amax() < SAME_MATRIX);
+        set.iter().all(is_own).then_some(set)
+    });
+    let Some(set) = found else {
+        return Err(a.fault(format!(
+            "the mesh does not have the group {name} about its middle, along the axes x, y, z; found {} \
+             symmetries of the mesh, expected the {} of the group among them: turn the mesh, or leave the \
+             group out, which takes all that it has",
+            own.len(),
+            sets[0].len()
+        )));
+    };
+    Ok(mesh.symmetrized_by(rotations, |s| {
+        set.iter().any(|m| (s.matrix - m).amax() < SAME_MATRIX)
+    }))
 }

@@ -146,6 +146,10 @@ fn torus(a: &mut Arguments) -> Done {
         .map_err(|e| a.fault(e.to_string()))
 }
 
+/// Where the trigonal groups are, which have no lattice of their own name.
+pub(super) const TRIGONAL: &str = "trigonal crystals stand on the axes of the lattice system rhombohedral, or on \
+     those of hexagonal, with one of the groups 3, -3, 32, 3m, -3m";
+
 fn form(a: &mut Arguments) -> Done {
     let systems = SYSTEMS.map(|row| row.0);
     let word = a.needed(&format!("a lattice system: {}", systems.join(", ")))?;
@@ -159,9 +163,13 @@ fn form(a: &mut Arguments) -> Done {
     let group = a.value("group")?.map(|w| w.text);
     let fault = |a: &Arguments, e: crate::polymesh::form::FormError| {
         let mut error = a.fault(e.to_string());
-        error.hint = nearest(system, &systems)
-            .filter(|w| *w != system)
-            .map(|w| format!("did you mean {w:?}?"));
+        error.hint = if [Some(system), group.as_deref()].contains(&Some("trigonal")) {
+            Some(TRIGONAL.to_owned())
+        } else {
+            nearest(system, &systems)
+                .filter(|w| *w != system)
+                .map(|w| format!("did you mean {w:?}?"))
+        };
         error
     };
     let mut form = Form::new(system, &axes, group.as_deref()).map_err(|e| fault(a, e))?;
@@ -181,7 +189,7 @@ fn crystal(form: Form) -> Result<Outcome, crate::polymesh::form::FormError> {
         let there = groups
             .as_ref()
             .is_some_and(|g| g.contains_key(&(n as u32 + 1)));
-        if !there {
+        if !there && !form.repeats(n) {
             let [h, k, l] = hkl;
             let text = format!("the form {{{h} {k} {l}}} lies outside the crystal: it has no face");
             outcome.notes.push(text);

@@ -122,3 +122,54 @@ fn what_makes_no_crystal_is_named() {
         Err(FormError::Axis { .. })
     ));
 }
+
+#[test]
+fn a_form_given_twice_is_not_called_outside() {
+    let quartz = std::fs::read_to_string("examples/crystal/quartz.crystal").unwrap();
+    let mut workshop = crystal(&quartz);
+    assert!(workshop.take_notes().is_empty());
+    let mut outside = crystal("form cubic [1,0,0]=1 [1,1,1]=3");
+    assert!(outside.take_notes()[0].text.contains("outside"));
+}
+
+#[test]
+fn trigonal_points_to_rhombohedral() {
+    for text in [
+        "form trigonal a=1 [1,0,0]=1",
+        "form hexagonal group=trigonal [1,0,0]=1",
+        "cube; symmetrize trigonal",
+    ] {
+        let mut workshop = Workshop::new(&NoFiles);
+        let error = Script::parse(text).unwrap().run(&mut workshop, None);
+        let hint = error.unwrap_err().hint.unwrap();
+        assert!(hint.contains("rhombohedral"), "{text}: {hint}");
+    }
+}
+
+#[test]
+fn a_mesh_is_symmetrized_by_a_group_that_it_has() {
+    for (text, groups) in [
+        ("cube; symmetrize", 1),
+        ("cube; symmetrize m-3m", 1),
+        ("cube; symmetrize Oh", 1),
+        ("cube; symmetrize 4/mmm", 2),
+        ("cube; symmetrize 4mm", 3),
+        ("cube; symmetrize mmm", 3),
+        ("cube; symmetrize 1", 6),
+        // The axis of order 3 stands along (1, 1, 1).
+        ("cube; symmetrize 3", 2),
+        ("prism n=6; symmetrize 6/mmm", 2),
+        ("prism n=6; symmetrize D6h rotations=true", 2),
+        ("prism n=6; symmetrize C6v", 3),
+    ] {
+        let workshop = crystal(text);
+        let counts = workshop.mesh().unwrap().group_counts();
+        assert_eq!(counts.len(), groups, "{text}");
+    }
+    for text in ["cube; symmetrize 6/mmm", "prism n=5; symmetrize m-3m"] {
+        let mut workshop = Workshop::new(&NoFiles);
+        let error = Script::parse(text).unwrap().run(&mut workshop, None);
+        let message = error.unwrap_err().message;
+        assert!(message.contains("does not have the group"), "{message}");
+    }
+}

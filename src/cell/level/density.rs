@@ -1,0 +1,78 @@
+//! A density over the element: how much volume in space a part of the element stands for.
+
+use super::super::Cell;
+use super::super::domain::{Domain, Flag, SimplexGrid};
+use crate::frame::{CellPoint, Mat3, Vec3};
+use rayon::prelude::*;
+
+/// Parts per edge of a flag on which the density is quadratic: that of a curved element is a polynomial of
+/// low degree.
+const PARTS: usize = 3;
+
+/// A positive density over a cell's element, the mean over its images under the cell's group, which is all
+/// that the volume of a symmetric solid asks for. Made by [`Cell::density`].
+#[derive(Clone, Debug, PartialEq)]
+pub struct Density {
+    /// Flag by flag, in the order of [`SimplexGrid::index`] of a grid of twice as many parts: at corners
+    /// and middles of edges.
+    values: Vec<Vec<f64>>,
+}
+
+impl Density {
+    /// The density in a flag at ordered coordinates 1 >= a >= b >= c >= 0.
+    pub(super) fn at(&self, flag: usize, coordinates: [f64; 3]) -> f64 {
+        let scaled = coordinates.map(|c| c * PARTS as f64);
+        let low = scaled.map(|c| (c.floor() as usize).min(PARTS - 1));
+        let rest: [f64; 3] = std::array::from_fn(|a| scaled[a] - low[a] as f64);
+        // The tetrahedron along the path that takes the axes by falling remainders: it stays in the simplex.
+        let mut order = [0, 1, 2];
+        order.sort_by(|&a, &b| rest[b].total_cmp(&rest[a]));
+        let [a, b, c] = order.map(|axis| rest[axis]);
+        let shares = [1.0 - a, a - b, b - c, c];
+        let mut corners = [low; 4];
+        for (step, axis) in order.into_iter().enumerate() {
+            corners[step + 1] = corners[step];
+            corners[step + 1][axis] += 1;
+        }
+        let values = &self.values[flag];
+        let middle = |i: usize, j: usize| {
+            let place = std::array::from_fn(|a| corners[i][a] + corners[j][a]);
+            values[SimplexGrid::index(place)]
+        };
+        let mut sum = 0.0;
+        for i in 0..4 {
+            sum += shares[i] * (2.0 * shares[i] - 1.0) * middle(i, i);
+            for j in 0..i {
+                sum += 4.0 * shares[i] * shares[j] * middle(i, j);
+            }
+        }
+        sum
+    }
+}
+
+impl Cell {
+    /// A density over the cell's element, or over the prism of height 1 on a planar one, as its volumes
+    /// count it: the volume in space of many elements by that of the reference element, for example.
+    pub fn density(&self, value: &(dyn Fn(CellPoint<3>) -> f64 + Sync)) -> Density {
+        let domain = Domain::solid(self.element, &self.operators);
+        let mut images: Vec<Mat3> = self.operators.to_vec();
+        if self.element.dimension() == 2 {
+            let flip = Mat3::from_diagonal(&Vec3::new(1.0, 1.0, -1.0));
+            images.extend(self.operators.iter().map(|q| q * flip));
+        }
+        let points = SimplexGrid::new(2 * PARTS).coordinates();
+        let mean = |p: CellPoint<3>| {
+            let sum: f64 = images.iter().map(|q| value(CellPoint(q * p.0))).sum();
+            sum / images.len() as f64
+        };
+        let of_flag = |flag: &Flag| {
+            points
+                .par_iter()
+                .map(|&c| mean(flag.point(c)))
+                .collect::<Vec<f64>>()
+        };
+        Density {
+            values: domain.flags.iter().map(of_flag).collect(),
+        }
+    }
+}
