@@ -10,7 +10,8 @@
 //!   that is not quite a distance can step over the band; the surface must not tear there). Active
 //!   values are clamped to `[-w, w]`, inactive ones are exactly `-w` or `w`.
 //! - A leaf is **kept** if it has an active voxel; kept leaves of a block come sorted by origin.
-//! - Zero counts as outside: inside is `d < 0`.
+//! - Zero counts as outside: inside is `d < 0`. Where solids touch in a plane of samples, these take the
+//!   value of a neighbour, so that the solids are one.
 //! - Nothing depends on the number of threads or on the order in which blocks are finished.
 //!
 //! ```
@@ -38,6 +39,7 @@ use crate::progress::Cancelled;
 
 mod activate;
 mod closest;
+mod contact;
 mod cull;
 mod estimate;
 mod evaluate;

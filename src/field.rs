@@ -15,12 +15,14 @@ use crate::frame::{Aabb, CellBox, CellPoint, Vec3, WorldPoint};
 use nalgebra::SVector;
 
 mod combine;
+mod contact;
 mod formula;
 mod leaf;
 mod offset;
 mod primitive;
 mod round;
 pub use combine::{Complement, Intersection, Union};
+pub use contact::{CONTACT_TOLERANCE, contact_value, leaf_contacts};
 pub use formula::{Formula, FormulaError};
 pub use leaf::{LeafBits, LeafParts, Leaves};
 pub use offset::{ExactIntersection, Offset};

@@ -55,6 +55,7 @@ mod quads;
 mod sheet;
 
 pub use patch::{Patch, Welder};
+pub use place::clear_of_voxels;
 pub(crate) use quads::Share;
 
 /// A leaf of a band: least voxel, and values with z fastest.
@@ -97,6 +98,7 @@ pub struct Mesher<'a> {
     origin: Vec3,
     /// The greatest coordinate of all vertices, world units; unknown: that of the leaves.
     far: Option<f64>,
+    is_double: bool,
     exact: Option<&'a WorldField<'a>>,
 }
 
@@ -107,6 +109,7 @@ impl<'a> Mesher<'a> {
             voxel_size: transform.voxel_size(),
             origin: Vec3::zeros(),
             far: None,
+            is_double: false,
             exact: None,
         }
     }
@@ -123,6 +126,16 @@ impl<'a> Mesher<'a> {
     pub fn reaching(self, far: f64) -> Self {
         Self {
             far: Some(far),
+            ..self
+        }
+    }
+
+    /// The same for meshes that keep double precision: far from the origin, too, vertices stay where the
+    /// values vanish. [`clear_of_voxels`] makes such a mesh ready for a file of single precision.
+    #[must_use]
+    pub fn in_double(self) -> Self {
+        Self {
+            is_double: true,
             ..self
         }
     }
@@ -170,7 +183,11 @@ impl<'a> Mesher<'a> {
             leaves.iter().map(reach).fold(0.0, f64::max)
         };
         let far = self.far.unwrap_or_else(whole);
-        let margin = place::margin(far / self.voxel_size);
+        let margin = if self.is_double {
+            place::MIN_MARGIN
+        } else {
+            place::margin(far / self.voxel_size)
+        };
         let sheet = sheet::Sheet::new(leaves, region, progress)?;
         let vertices = place::vertices(&sheet, self, margin, progress)?;
         let triangles = cells::triangles(&sheet, &vertices, progress)?;

@@ -18,7 +18,6 @@
 use crate::band::BandStats;
 use crate::progress::{Cancelled, Progress, Threads};
 use crate::recipe::{OutputKind, Recipe};
-use crate::vdb::Tools;
 use std::path::{Path, PathBuf};
 use std::time::{Instant, SystemTime};
 
@@ -45,6 +44,7 @@ mod output;
 mod palette;
 mod period_samples;
 mod plot;
+mod precision;
 mod probe;
 mod report;
 mod scaffold;
@@ -160,7 +160,6 @@ pub fn run(
     let mut bench = Bench::new(recipe, &threads, progress);
     let first = stock.pointwise();
     let (mut solid, stats) = if let Some(start) = stock.volumes.take_start() {
-        bench.tools = Tools::OpenVdb;
         (start, BandStats::default())
     } else {
         stock.begin_visits();

@@ -45,6 +45,7 @@ mod bits;
 mod builder;
 mod camera;
 mod check;
+mod contact;
 mod drop;
 mod error;
 mod ffi;
@@ -71,6 +72,7 @@ mod stored;
 mod stream;
 mod transfer;
 mod volume;
+mod widths;
 mod write;
 
 pub use attribute::Attribute;
@@ -110,7 +112,7 @@ pub enum Tools {
     /// times faster: for [`Scheme::First`]. All else is OpenVDB's.
     #[default]
     Own,
-    /// OpenVDB's: for level sets whose band may be other than this crate's.
+    /// OpenVDB's filters.
     OpenVdb,
 }
 

@@ -8,7 +8,8 @@
 //! `d = h + k |t|^2 / (2 (1 + h k))`,
 //!
 //! exact to the second order in |t|, which is less than a voxel on a smooth surface, and never more than
-//! |x - q|, which it is where |t| is more: beyond edges. Signs are those of the level set. So the error does not grow with the distance, whatever
+//! |x - q|, which it is where |t| is more. Points at sharp edges and corners know the planes that meet there,
+//! whose distance is exact. Signs are those of the level set. So the error does not grow with the distance, whatever
 //! the values were beyond the voxels next to the surface, and half a cell's walls or gaps are no limit.
 //!
 //! A voxel looks at what can be its nearest point only: of the points near a leaf, those near the
@@ -27,12 +28,14 @@ mod kept;
 mod list;
 mod points;
 mod search;
+mod wedge;
 
 pub use field::ClosestPointField;
 
 use block::Move;
-use points::{Point, Stencils};
+use points::{NO_WEDGE, Point, Stencils};
 use search::Search;
+use wedge::Wedge;
 
 /// Least half width in voxels of a band whose surface has points: stencils reach two voxels beyond it.
 const LEAST_HALF_WIDTH: f32 = 3.0;
@@ -40,6 +43,7 @@ const LEAST_HALF_WIDTH: f32 = 3.0;
 /// Points of the surface of a level set, by the leaves that they lie in.
 pub struct SurfacePoints {
     points: Vec<Point>,
+    wedges: Vec<Wedge>,
     /// Where they lie, by coordinates.
     at: [Vec<f32>; 3],
     /// Origins of leaves that hold points, ascending, with the range of theirs.
@@ -115,24 +119,30 @@ impl SurfacePoints {
     }
 
     /// The points of all leaves, in order of the leaves.
-    fn joined(found: Vec<(Coord, Vec<Point>)>, voxel_size: f32, background: f32) -> Self {
+    fn joined(found: Vec<LeafPoints>, voxel_size: f32, background: f32) -> Self {
         let mut surface = Self {
-            points: Vec::with_capacity(found.iter().map(|f| f.1.len()).sum()),
+            points: Vec::with_capacity(found.iter().map(|f| f.points.len()).sum()),
+            wedges: Vec::new(),
             at: Default::default(),
             leaves: Vec::new(),
             index: Index::default(),
             voxel_size,
             background,
         };
-        for (origin, points) in found.into_iter().filter(|f| !f.1.is_empty()) {
+        for mut leaf in found.into_iter().filter(|f| !f.points.is_empty()) {
             let first = surface.points.len() as u32;
-            for (a, at) in surface.at.iter_mut().enumerate() {
-                at.extend(points.iter().map(|p| p.at[a]));
+            let before = surface.wedges.len() as u32;
+            for point in leaf.points.iter_mut().filter(|p| p.wedge != NO_WEDGE) {
+                point.wedge += before;
             }
-            surface.points.extend(points);
-            surface.index.enter(origin, surface.leaves.len());
+            surface.wedges.extend(leaf.wedges);
+            for (a, at) in surface.at.iter_mut().enumerate() {
+                at.extend(leaf.points.iter().map(|p| p.at[a]));
+            }
+            surface.points.extend(leaf.points);
+            surface.index.enter(leaf.origin, surface.leaves.len());
             let range = first..surface.points.len() as u32;
-            surface.leaves.push((origin, range));
+            surface.leaves.push((leaf.origin, range));
         }
         surface
     }
@@ -140,6 +150,7 @@ impl SurfacePoints {
     /// Memory that they take, bytes.
     pub(super) fn bytes(&self) -> usize {
         self.points.len() * (size_of::<Point>() + size_of::<[f32; 3]>())
+            + self.wedges.len() * size_of::<Wedge>()
             + self.leaves.len() * size_of::<(Coord, std::ops::Range<u32>)>()
             + self.index.bytes()
     }
@@ -148,6 +159,15 @@ impl SurfacePoints {
     #[must_use]
     pub fn with_background(self, background: f32) -> Self {
         Self { background, ..self }
+    }
+
+    /// The same points, of a surface that is taken to be flat about each.
+    #[must_use]
+    pub fn straightened(mut self) -> Self {
+        for point in &mut self.points {
+            point.bend = [0.0; 6];
+        }
+        self
     }
 
     /// Farthest that a point can matter, voxels, when the surface is moved by `by` world units.
@@ -175,7 +195,10 @@ impl SurfacePoints {
             }
         }
         let (_, point, away) = best?;
-        Some(point.distance(away))
+        Some(match self.wedges.get(point.wedge as usize) {
+            Some(wedge) => wedge.distance_and_direction(away),
+            None => point.distance(away),
+        })
     }
 
     /// Origins of the leaves that a move by `by` (world units) can change but for the sign of all of them,
@@ -227,7 +250,7 @@ impl SurfacePoints {
                 search.enter(places, range.start, [x, y, z]);
             }
         }
-        search.leaf(&self.points)
+        search.leaf(&self.points, &self.wedges)
     }
 }
 
@@ -245,13 +268,27 @@ fn points_of<'a>(
     leaf: &impl Fn(usize) -> LeafRef<'a>,
     (n, all): (usize, &Index),
     stencils: &mut Stencils,
-    (voxel_size, background): (f32, f32),
-) -> (Coord, Vec<Point>) {
+    lengths: (f32, f32),
+) -> LeafPoints {
     let own = leaf(n);
-    if own.mask == [0; 8] {
-        return (own.origin, Vec::new());
+    let (mut points, mut wedges) = (Vec::new(), Vec::new());
+    if own.mask != [0; 8] {
+        let values = |origin: Coord| Some(leaf(all.get(origin)? as usize).values);
+        stencils.gather(&own, values, lengths.0, lengths.1);
+        points = stencils.points();
+        wedge::find(&mut points, &mut wedges, &own, values, lengths);
     }
-    let values = |origin: Coord| Some(leaf(all.get(origin)? as usize).values);
-    stencils.gather(&own, values, voxel_size, background);
-    (own.origin, stencils.points())
+    LeafPoints {
+        origin: own.origin,
+        points,
+        wedges,
+    }
+}
+
+/// What is found in a leaf.
+struct LeafPoints {
+    origin: Coord,
+    points: Vec<Point>,
+    /// Numbered by its points.
+    wedges: Vec<Wedge>,
 }

@@ -1,6 +1,7 @@
 //! Evaluation by blocks.
 
 use super::activate::{Neighbourhood, SPAN};
+use super::contact;
 use super::cull::Culler;
 use super::pool::{self, Signs};
 use super::{BLOCK, Band, BandError, BandStats, LEAF, LeafBatch, LeafSink, Region, VOXELS};
@@ -168,6 +169,11 @@ pub(super) fn group_values(
     if let Some(looked) = together
         && bits.iter().all(|b| b.finite)
     {
+        // Leaves that are out have left no values.
+        let kept = leaves.iter().zip(bits).filter(|(_, bits)| !bits.is_out());
+        for ((&leaf, bits), values) in kept.zip(values) {
+            contact::join(culler, leaf, values, bits);
+        }
         return Ok(looked);
     }
     let mut looked = 0;
@@ -188,6 +194,7 @@ pub(super) fn group_values(
                 place: culler.transform.world(voxel),
             });
         }
+        contact::join(culler, leaves[n], values, &mut bits[n]);
     }
     Ok(looked)
 }

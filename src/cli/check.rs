@@ -101,6 +101,13 @@ fn level_sets(path: &Path, session: vdb::Session<'_>) -> Result<Answer, Failure>
         for problem in &problems {
             let _ = writeln!(text, "  {problem}");
         }
+        let [inside, outside] = check.known_widths;
+        if inside.min(outside) < check.half_width {
+            let _ = writeln!(
+                text,
+                "  band of {inside:.3} voxels inside and {outside:.3} outside: operations rebuild it first"
+            );
+        }
         let mut facts = serde_json::to_value(&check).unwrap_or_default();
         facts["name"] = json!(grid.name);
         facts["problems"] = json!(problems);

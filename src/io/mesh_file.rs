@@ -186,7 +186,8 @@ fn polygons(path: &Path) -> Result<Option<MeshFile>, ReadError> {
 
 /// Writes a mesh whose coordinates are in `unit`, atomically; gives the file's size in bytes.
 ///
-/// STL, PLY and 3MF hold `f32`, OBJ holds `f64`. 3MF and STL state the unit, PLY and OBJ in a comment.
+/// STL, PLY and 3MF hold `f32`, OBJ holds `f64`; PLY and 3MF too where the view is
+/// [in double precision](MeshView::in_double). 3MF and STL state the unit, PLY and OBJ in a comment.
 /// Quads go into PLY and OBJ, numbers at the vertices into PLY. Nothing of the mesh is copied.
 ///
 /// # Errors

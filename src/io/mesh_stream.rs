@@ -48,9 +48,19 @@ struct Spool {
     corners: usize,
     counts: [u64; 2],
     names: Vec<String>,
+    is_double: bool,
 }
 
 impl MeshStream {
+    /// The same with coordinates in double precision, in PLY and 3MF, or without.
+    #[must_use]
+    pub fn in_double(mut self, is_double: bool) -> Self {
+        if let Kind::Spooled(_, spool) = &mut self.kind {
+            spool.is_double = is_double;
+        }
+        self
+    }
+
     /// Begins a file, of the format that its extension says, for triangles or for quads among them, with
     /// a name for each number at a vertex.
     ///
@@ -171,6 +181,7 @@ impl Spool {
             corners,
             counts: [0; 2],
             names,
+            is_double: false,
         })
     }
 
@@ -214,6 +225,7 @@ impl Spool {
             corners: self.corners,
             counts: self.counts,
             names: self.names,
+            is_double: self.is_double,
         })
     }
 }
@@ -225,6 +237,7 @@ struct SpooledRows {
     corners: usize,
     counts: [u64; 2],
     names: Vec<String>,
+    is_double: bool,
 }
 
 /// The next `N` pieces of `M` bytes each.
@@ -240,6 +253,9 @@ impl Rows for SpooledRows {
     }
     fn names(&self) -> Vec<&str> {
         self.names.iter().map(String::as_str).collect()
+    }
+    fn is_double(&self) -> bool {
+        self.is_double
     }
     fn each_vertex(&mut self, visit: &mut VisitVertex) -> io::Result<()> {
         let mut numbers = vec![0.0; self.names.len()];

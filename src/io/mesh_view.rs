@@ -13,6 +13,8 @@ pub(super) trait Rows {
     fn counts(&self) -> [u64; 2];
     /// A name for each number at a vertex.
     fn names(&self) -> Vec<&str>;
+    /// Whether coordinates are written in double precision where the format can.
+    fn is_double(&self) -> bool;
     /// Every vertex in order, scaled, with its numbers.
     fn each_vertex(&mut self, visit: &mut VisitVertex) -> io::Result<()>;
     /// The corners of every face in order, three or four.
@@ -26,6 +28,9 @@ impl Rows for MeshView<'_> {
     fn names(&self) -> Vec<&str> {
         let names = self.attributes.iter().flat_map(|a| &a.names);
         names.map(String::as_str).collect()
+    }
+    fn is_double(&self) -> bool {
+        self.is_double
     }
     fn each_vertex(&mut self, visit: &mut VisitVertex) -> io::Result<()> {
         let mut numbers = Vec::new();
@@ -107,6 +112,8 @@ pub struct MeshView<'a> {
     pub factor: f64,
     /// Numbers at the vertices; only PLY holds them.
     pub attributes: &'a [VertexAttribute],
+    /// Whether PLY and 3MF get coordinates in double precision.
+    pub is_double: bool,
 }
 
 impl<'a> MeshView<'a> {
@@ -134,6 +141,12 @@ impl<'a> MeshView<'a> {
         }
     }
 
+    /// The same with coordinates in double precision, in PLY and 3MF, or without.
+    #[must_use]
+    pub fn in_double(self, is_double: bool) -> Self {
+        Self { is_double, ..self }
+    }
+
     /// The same with numbers at its vertices.
     #[must_use]
     pub fn with_attributes(self, attributes: &'a [VertexAttribute]) -> Self {
@@ -148,6 +161,7 @@ impl<'a> From<&'a TriMesh> for MeshView<'a> {
             faces: Faces::Triangles(mesh.triangles()),
             factor: 1.0,
             attributes: &[],
+            is_double: false,
         }
     }
 }
@@ -159,6 +173,7 @@ impl<'a> From<&'a QuadMesh> for MeshView<'a> {
             faces: Faces::Quads(mesh.quads()),
             factor: 1.0,
             attributes: &[],
+            is_double: false,
         }
     }
 }

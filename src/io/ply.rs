@@ -436,12 +436,13 @@ fn head(rows: &dyn Rows, unit: LengthUnit) -> String {
     } else {
         "uint"
     };
+    let scalar = if rows.is_double() { "double" } else { "float" };
     let extra = rows.names().iter().fold(String::new(), |all, name| {
         all + "property float " + name + "\n"
     });
     format!(
         "ply\nformat binary_little_endian 1.0\ncomment druse unit={unit}\nelement vertex {vertices}\n\
-         property float x\nproperty float y\nproperty float z\n{extra}element face {faces}\n\
+         property {scalar} x\nproperty {scalar} y\nproperty {scalar} z\n{extra}element face {faces}\n\
          property list uchar {index} vertex_indices\nend_header\n"
     )
 }
@@ -456,19 +457,24 @@ pub(super) fn size(mesh: &MeshView, unit: LengthUnit) -> u64 {
             .sum(),
     };
     head(mesh, unit).len() as u64
-        + (12 + 4 * numbers as u64) * mesh.vertices.len() as u64
+        + (if mesh.is_double { 24 } else { 12 } + 4 * numbers as u64) * mesh.vertices.len() as u64
         + mesh.faces.len() as u64
         + 4 * corners as u64
 }
 
-/// Writes binary PLY, little-endian.
+/// Writes binary PLY, little-endian; coordinates as `float`, or as `double` where the rows ask for it.
 pub(super) fn write(out: &mut dyn Write, rows: &mut dyn Rows, unit: LengthUnit) -> io::Result<()> {
     out.write_all(head(rows, unit).as_bytes())?;
     let mut row = Vec::new();
+    let is_double = rows.is_double();
     rows.each_vertex(&mut |v, numbers| {
         row.clear();
         for c in [v.x, v.y, v.z] {
-            row.extend((c as f32).to_le_bytes());
+            if is_double {
+                row.extend(c.to_le_bytes());
+            } else {
+                row.extend((c as f32).to_le_bytes());
+            }
         }
         row.extend(numbers.iter().flat_map(|c| c.to_le_bytes()));
         out.write_all(&row)

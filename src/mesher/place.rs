@@ -10,10 +10,33 @@ use rayon::prelude::*;
 /// Evaluations of an exact field along one edge, at most.
 const STEPS: usize = 40;
 
+/// The least distance of a vertex from the ends of its edge in double precision, voxels.
+pub(super) const MIN_MARGIN: f64 = 1e-3;
+
 /// The least distance of a vertex from the ends of its edge, voxels: 1e-3, or four roundings to `f32` of
 /// the farthest coordinate.
 pub(super) fn margin(far: f64) -> f64 {
-    (4.0 * far * f64::from(f32::EPSILON)).clamp(1e-3, 0.25)
+    (4.0 * far * f64::from(f32::EPSILON)).clamp(MIN_MARGIN, 0.25)
+}
+
+/// Moves vertices of a mesh made [`in_double`](Mesher::in_double) as far away from the voxels of their edges as
+/// single precision asks for, where coordinates reach `far` in magnitude; whether it asks for any.
+/// Voxel (0, 0, 0) stands at `origin`; all in world units.
+pub fn clear_of_voxels(vertices: &mut [Vec3], voxel_size: f64, origin: Vec3, far: f64) -> bool {
+    let margin = margin(far / voxel_size);
+    if margin <= MIN_MARGIN {
+        return false;
+    }
+    vertices.par_iter_mut().with_min_len(1 << 12).for_each(|v| {
+        let at = (*v - origin) / voxel_size;
+        // A vertex lies on an edge of the lattice: two of its coordinates are whole.
+        let share = at.map(|c| c - c.floor());
+        let from_voxel = share.map(|s| s.min(1.0 - s));
+        let axis = from_voxel.imax();
+        let within = share[axis].clamp(margin, 1.0 - margin);
+        v[axis] = (at[axis].floor() + within) * voxel_size + origin[axis];
+    });
+    true
 }
 
 /// All vertices in the order of their numbers, world units.

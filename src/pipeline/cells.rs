@@ -249,7 +249,6 @@ pub fn one_element(
         },
         half_width,
         region: None,
-        tools: crate::vdb::Tools::Own,
     };
     let shape = alone.shape(options, "the element".into())?;
     Ok(bench.sample(&shape, "band")?.0)

@@ -9,7 +9,7 @@
 use super::error::{RunError, short};
 use super::memory;
 use super::offsets::{Offsets, foretold};
-use super::shape::shape_with;
+use super::shape::{room, shape_with};
 use super::stock::Stock;
 use super::thickness::PLACES;
 use super::voxels::Voxels;
@@ -111,8 +111,8 @@ pub(super) fn counts(
     sample(stock, threads, progress, CLOSE)
 }
 
-/// Whether a run would need more memory than there is: a quick look at coarse voxels, a closer one
-/// only where that leaves doubt.
+/// Whether a run would need more memory than there is: no look at the band where it would fit if it filled its
+/// box, else a quick look at coarse voxels, a closer one only where that leaves doubt.
 pub(super) fn shortage(
     stock: &Stock,
     threads: &Threads,
@@ -126,8 +126,8 @@ pub(super) fn shortage(
             None => return Ok(None),
         },
     };
-    if let Some(most) = densest(stock)?
-        && predict(stock, threads, &most).peak_memory_bytes <= available / 2
+    if let Some(most) = filled(stock)?
+        && predict(stock, threads, &most).peak_memory_bytes <= available
     {
         return Ok(None);
     }
@@ -196,6 +196,34 @@ pub(super) fn copies(stock: &Stock) -> f64 {
     ops.map(|(op, on)| cost(op, on).0).fold(0.0, f64::max)
 }
 
+/// Counts of a band that fills the box of its solid; none of a file's.
+fn filled(stock: &Stock) -> Result<Option<Counts>, RunError> {
+    if stock.volumes.start().is_some() {
+        return Ok(None);
+    }
+    let scale = stock.recipe.scale();
+    let Some(room) = room(stock, scale, foretold(stock))? else {
+        return Ok(None);
+    };
+    let half_width = stock.recipe.sections().band.half_width.0;
+    // A leaf more on each side.
+    let around = 2.0 * (half_width + 8.0);
+    let voxels = (room.size() / scale.voxel_size)
+        .add_scalar(around)
+        .product();
+    let counts = Counts {
+        blocks: voxels / 128f64.powi(3),
+        volume: voxels / 128f64.powi(3),
+        leaves_touched: 0.0,
+        leaves: voxels / 512.0,
+        most: voxels / 512.0,
+        active: voxels,
+        points: points_of(stock, voxels),
+        seconds_per_leaf: 0.0,
+    };
+    Ok(Some(on_other_voxels(stock, counts)))
+}
+
 /// Counts with the recipe's voxels, from samplings whose box spans at most `most` voxels.
 fn sample(
     stock: &Stock,
@@ -252,31 +280,6 @@ fn sampled(
         points: finest.points * 4f64.powi(level),
         ..finest
     })
-}
-
-/// Counts of a band that holds every voxel of the extent: no solid has more. `None` for a level set from a
-/// file.
-fn densest(stock: &Stock) -> Result<Option<Counts>, RunError> {
-    if stock.volumes.start().is_some() {
-        return Ok(None);
-    }
-    let scale = stock.recipe.scale();
-    let extent = shape_with(stock, scale, foretold(stock))?.extent;
-    // The band around the extent, and leaves that it only touches.
-    let room = 2.0 * stock.recipe.sections().band.half_width.0 + 16.0;
-    let edges = extent.size() / scale.voxel_size;
-    let active: f64 = edges.iter().map(|e| e.max(0.0) + room).product();
-    let counts = Counts {
-        blocks: active / 128f64.powi(3),
-        volume: f64::INFINITY,
-        leaves_touched: 0.0,
-        leaves: active / 512.0,
-        most: active / 512.0,
-        active,
-        points: points_of(stock, active),
-        seconds_per_leaf: 0.0,
-    };
-    Ok(Some(on_other_voxels(stock, counts)))
 }
 
 /// Counts after operations that put the solid on other voxels.

@@ -5,12 +5,14 @@ use super::decimate::{Wish, decimated};
 use super::error::RunError;
 use super::operate::Bench;
 use super::output::Finished;
+use super::precision::needs_double;
 use super::report::MeshFacts;
 use super::shape::shape;
 use crate::field::WorldField;
 use crate::frame::{LengthUnit, Vec3, WorldPoint};
 use crate::io::{MeshView, write_beams, write_mesh};
 use crate::mesh::{Projection, QuadMesh, TriMesh};
+use crate::mesher::clear_of_voxels;
 use crate::recipe::Output;
 use rayon::prelude::*;
 use std::borrow::Cow;
@@ -101,11 +103,34 @@ pub(super) fn write(
     let wished = output.grids.as_deref().unwrap_or_default();
     let attributes = Attributes::new(bench, done.stock, wished, done.thickness, factor)?;
     let numbers = attributes.at_vertices(bench, surface.view().vertices);
+    let far = done.solid.far().map_err(RunError::level_set("mesh"))?;
+    let centre = plain.bounds().centre().0.into();
+    let is_double = needs_double(path, (far, centre), (bench.scale, factor))?;
+    if let Surface::Triangles(mesh) = &surface
+        && output.decimate.is_none()
+        && !of_quads
+        && !is_double
+        && !is_obj(path)
+    {
+        let (mut vertices, faces) = (mesh.vertices().to_vec(), mesh.triangles());
+        let (h, origin) = (bench.scale.voxel_size, done.solid.origin());
+        let install = || clear_of_voxels(&mut vertices, h, origin, far);
+        if bench.threads.install(install) {
+            surface = Surface::Triangles(Cow::Owned(TriMesh::known(vertices, faces.to_vec())));
+        }
+    }
     let view = surface.view().scaled(factor).with_attributes(&numbers);
+    let view = view.in_double(is_double);
     facts.faces = view.faces.len() as u64;
     bench.progress.stage("write", None);
     write_mesh(path, view, unit)?;
     Ok(Some(facts))
+}
+
+/// Whether a file holds double precision always.
+pub(super) fn is_obj(path: &Path) -> bool {
+    path.extension()
+        .is_some_and(|e| e.eq_ignore_ascii_case("obj"))
 }
 
 /// Greatest magnitude of a field at vertices.

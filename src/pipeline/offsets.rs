@@ -12,8 +12,7 @@
 //! where the field must vanish. If the root mean square of what it is there instead is more than
 //! [`LIMIT`], the distance is rebuilt first, from points of the surface of the sampled level set
 //! ([`SurfacePoints`]), at any distance in one step; so are later moves. OpenVDB's filters, which rebuild
-//! it by steps of half a voxel, are left with level sets of files, masks, `precise` and bands of less
-//! than 3 voxels. The report says which way was taken, and why.
+//! it by steps of half a voxel, are left with masks, `scheme = "openvdb"` and bands of less than 3 voxels. The report says which way was taken, and why.
 //!
 //! Moves in one direction add up. One back does not: an erosion after a dilation leaves closed what the
 //! dilation has closed. So `open`, `close`, and whatever moves against the moves before it are done on
@@ -70,7 +69,7 @@ impl Offsets {
 
     /// The same with one operation more, if that can be done so; none after a wall.
     fn with(self, op: &Op, scale: crate::recipe::Scale) -> Option<Self> {
-        if op.mask().is_some() || self.half.is_some() {
+        if op.mask().is_some() || op.is_by_filter() || self.half.is_some() {
             return None;
         }
         let count = self.count + 1;
@@ -139,7 +138,7 @@ pub(super) fn offsets(
     for (n, op) in ops.iter().enumerate().skip(first) {
         let next = done.with(op, scale).filter(|_| is_field);
         is_field = next.is_some();
-        let (mut way, mut error_voxels, mut why) = later(op, half_width, is_file);
+        let (mut way, mut error_voxels, mut why) = later(op, half_width);
         if let Op::Resample(resample) = op {
             half_width = resample.half_width.map_or(half_width, |w| w.0);
         }
@@ -179,25 +178,25 @@ pub(super) fn offsets(
 fn is_move(op: &Op) -> bool {
     matches!(
         op,
-        Op::Dilate(_) | Op::Erode(_) | Op::Open(_) | Op::Close(_) | Op::Hollow(_)
+        Op::Dilate(_) | Op::Erode(_) | Op::Open(_) | Op::Close(_) | Op::Hollow(_) | Op::Fillet(_)
     )
 }
 
 /// How an operation that moves the surface of a level set does so, and why.
-fn later(op: &Op, half_width: f64, is_file: bool) -> (Way, Option<f64>, &'static str) {
-    if is_by_points(op, half_width) && !is_file {
+fn later(op: &Op, half_width: f64) -> (Way, Option<f64>, &'static str) {
+    if is_by_points(op, half_width) {
         (Way::Points, None, "the solid is a level set by then")
     } else {
-        let why = "the level set is a file's, or there is a mask, precise, or a band of less than 3 voxels";
+        let why = "it is asked for, or there is a mask, or a band of less than 3 voxels";
         (Way::Filter, None, why)
     }
 }
 
 /// Whether an operation moves the surface of a level set of this half width (voxels) by distances from
-/// points of it, unless the level set is a file's.
+/// points of it.
 pub(super) fn is_by_points(op: &Op, half_width: f64) -> bool {
     let is_masked = op.mask().is_some() && matches!(op, Op::Dilate(_) | Op::Erode(_));
-    is_move(op) && !is_masked && !op.is_precise() && SurfacePoints::suffices(half_width)
+    is_move(op) && !is_masked && !op.is_by_filter() && SurfacePoints::suffices(half_width)
 }
 
 /// Root mean square, in voxels, of the offset field at the feet of voxels of its band; `None` if it has

@@ -22,8 +22,6 @@ pub(super) struct Bench<'a> {
     /// The part of space that is worked on, if not all of it. Where it is cut off the level set is
     /// wrong, and more so with every operation.
     pub region: Option<Region>,
-    /// Whose filters smooth.
-    pub tools: Tools,
 }
 
 impl<'a> Bench<'a> {
@@ -35,13 +33,12 @@ impl<'a> Bench<'a> {
             scale: recipe.scale(),
             half_width: recipe.sections().band.half_width.0,
             region: None,
-            tools: Tools::Own,
         }
     }
 
     /// How calls into OpenVDB are made.
     pub fn session(&self) -> Session<'a> {
-        Session::new(self.threads, self.progress).with_tools(self.tools)
+        Session::new(self.threads, self.progress)
     }
 
     /// The voxels.
@@ -97,12 +94,7 @@ pub(super) fn apply(
     let key = format!("op.{n}");
     let stage = format!("{key}.{}", op.name());
     let failed = RunError::level_set(&stage);
-    let scheme = if op.is_precise() {
-        Scheme::Weno5
-    } else {
-        Scheme::First
-    };
-    let session = bench.session().with_scheme(scheme);
+    let session = session_of(op, *bench);
     bench.progress.stage(op.name(), None);
     match op {
         Op::Intersect(_) | Op::Union(_) | Op::Subtract(_) | Op::Blend(_) => {
@@ -141,6 +133,22 @@ pub(super) fn apply(
         return Err(RunError::Empty(stage.clone()));
     }
     Ok(())
+}
+
+/// How an operation calls into OpenVDB: moves of the whole surface only where that is asked for.
+fn session_of<'a>(op: &Op, bench: Bench<'a>) -> Session<'a> {
+    let moves = super::offsets::is_by_points(op, bench.half_width);
+    let scheme = if op.is_precise() && !moves {
+        Scheme::Weno5
+    } else {
+        Scheme::First
+    };
+    let tools = if op.is_by_filter() {
+        Tools::OpenVdb
+    } else {
+        Tools::Own
+    };
+    bench.session().with_scheme(scheme).with_tools(tools)
 }
 
 /// The pieces that an operation removes from the solid as a whole.
@@ -275,7 +283,6 @@ fn resample(
     let on = Voxels {
         scale: bench.scale,
         half_width: bench.half_width,
-        are_of_file: bench.tools == Tools::OpenVdb,
     };
     for way in on.ways(op) {
         bench.scale = way.to.scale;

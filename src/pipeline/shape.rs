@@ -74,6 +74,37 @@ pub(super) fn shape_with<'a>(
     Ok(shape)
 }
 
+/// A box that holds the solid after its field operations and some offsets, found without the field of the tiled
+/// scaffold; none where the solid is empty or endless.
+pub(super) fn room(
+    stock: &Stock,
+    scale: Scale,
+    offsets: Offsets,
+) -> Result<Option<Aabb>, RunError> {
+    let sections = stock.recipe.sections();
+    let mut room = stock.tiled_extent(scale, offsets);
+    let count = field_operations(&sections.op);
+    for (n, op) in sections.op[..count].iter().enumerate() {
+        let other = match (op, op.operand()) {
+            (Op::Trim(trim), _) => trim_box(trim, scale),
+            (_, Some(other)) => operand(stock, other, &format!("op.{n}"), (scale, offsets))?.extent,
+            _ => continue,
+        };
+        room = Some(match (room, op) {
+            (None, _) => other,
+            (Some(room), Op::Intersect(_) | Op::Trim(_)) if room.meets(other) => {
+                room.intersection(other)
+            }
+            (Some(_), Op::Intersect(_) | Op::Trim(_)) => return Ok(None),
+            (Some(room), Op::Subtract(_)) => room,
+            (Some(room), _) => room.union(other),
+        });
+    }
+    let is_usable = |r: &Aabb| !r.is_empty() && r.size().iter().all(|s| s.is_finite());
+    let grown = room.filter(is_usable).map(|r| r.dilated(offsets.growth()));
+    Ok(grown.filter(is_usable))
+}
+
 /// The common part of two fields, with distances beyond its edges where offsets need them; `reach`
 /// bounds the distances that matter, world units.
 pub(super) fn common_part<'a>(

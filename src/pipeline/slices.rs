@@ -9,9 +9,8 @@ use super::{RunOptions, threads};
 use crate::field::WorldField;
 use crate::frame::{Aabb, LengthUnit};
 use crate::progress::{Cancelled, Progress};
-use crate::recipe::{Length, Recipe};
+use crate::recipe::{Length, Recipe, Scale};
 use crate::slice::{Layer, Plan};
-use crate::vdb::Tools;
 use crate::vdb::{Placement, Sampled};
 use rayon::prelude::*;
 
@@ -40,6 +39,9 @@ pub struct Sliced {
 /// Layers that are cut side by side.
 const GROUP: usize = 16;
 
+/// Rounding of a sampled surface, voxels.
+const ROUNDING: f64 = 1e-3;
+
 /// Cuts a recipe's solid into layers and hands them over in order. Where all operations are pointwise
 /// the exact field is cut, without a volume.
 ///
@@ -63,10 +65,7 @@ pub fn slice<E: From<RunError>>(
         return cut(bench, &*shape.field, shape.extent, how, &mut take);
     }
     let mut solid = match start {
-        Some(start) => {
-            bench.tools = Tools::OpenVdb;
-            start
-        }
+        Some(start) => start,
         None => bench.sample(&shape(&stock, bench.scale)?, "band")?.0,
     };
     let mut ignored = SolidReport::default();
@@ -75,8 +74,27 @@ pub fn slice<E: From<RunError>>(
     }
     let failed = RunError::level_set("slice");
     let reach = solid.background();
+    let room = solid.crossings().map_err(&failed)?;
     let field = Sampled::new(solid, reach, Placement::NONE, bench.session()).map_err(&failed)?;
-    cut(bench, &field, field.bounds(), how, &mut take)
+    cut(
+        bench,
+        &field,
+        whole_layers(room, bench.scale, how),
+        how,
+        &mut take,
+    )
+}
+
+/// The room of a sampled solid, which ends with a layer where rounding of the samples puts its end just
+/// beyond one.
+fn whole_layers(mut room: Aabb, scale: Scale, how: &SliceOptions) -> Aabb {
+    let (axis, height) = (how.axis, how.layer.resolve(scale));
+    let size = room.size()[axis];
+    let whole = (size / height).round() * height;
+    if whole > 0.0 && (size - whole).abs() < ROUNDING * scale.voxel_size {
+        room.max[axis] = room.min[axis] + whole;
+    }
+    room
 }
 
 /// Cuts a field within a box.

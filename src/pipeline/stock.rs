@@ -14,7 +14,7 @@ use super::sheets::SheetOptions;
 use super::standalone::StandAlone;
 use super::volumes::Volumes;
 use crate::field::WorldField;
-use crate::frame::Vec3;
+use crate::frame::{Aabb, Vec3};
 use crate::mesh::MeshSolid;
 use crate::progress::{Progress, Threads};
 use crate::recipe::{Boundary, Distance, Op, Operand, Recipe, Scale, SurfaceRef};
@@ -285,12 +285,7 @@ impl<'a> Stock<'a> {
                 }
             }
         };
-        let bounds = tiling.loaded.scaffold.bounds();
-        // Where nothing is cut off, an envelope ends the solid; it may reach beyond the scaffold.
-        let extent = match options.boundary {
-            tiling::Boundary::Cut => bounds,
-            tiling::Boundary::Extend => bounds.dilated(bounds.half_diagonal()),
-        };
+        let extent = tiled_extent(tiling, options.boundary);
         let mut shape = Shape {
             field,
             extent,
@@ -299,10 +294,15 @@ impl<'a> Stock<'a> {
         if let Some(envelope) = &tiling.loaded.envelope {
             // The mesh that was filled ends the solid.
             let borrowed = Box::new(Borrowed(envelope.as_ref()));
-            shape.extent = shape.extent.intersection(envelope.bounds());
             shape.field = common_part(shape.field, borrowed, options.half_width, offsets);
         }
         Ok(Some(shape))
+    }
+
+    /// The box that the tiled scaffold lies in, if the recipe has one.
+    pub fn tiled_extent(&self, scale: Scale, offsets: Offsets) -> Option<Aabb> {
+        let boundary = self.tiling_options(scale, offsets).boundary;
+        self.tiling.as_ref().map(|t| tiled_extent(t, boundary))
     }
 
     /// How the tiled scaffold found its values, if it was asked for any.
@@ -383,4 +383,16 @@ impl<'a> Stock<'a> {
             ..Report::default()
         }
     }
+}
+
+/// The box of a tiled scaffold. Where nothing is cut off, an envelope ends the solid; it may reach beyond the
+/// scaffold.
+fn tiled_extent(tiling: &Fill, boundary: tiling::Boundary) -> Aabb {
+    let bounds = tiling.loaded.scaffold.bounds();
+    let extent = match boundary {
+        tiling::Boundary::Cut => bounds,
+        tiling::Boundary::Extend => bounds.dilated(bounds.half_diagonal()),
+    };
+    let envelope = tiling.loaded.envelope.as_ref();
+    envelope.map_or(extent, |e| extent.intersection(e.bounds()))
 }

@@ -7,7 +7,7 @@ use crate::frame::{Aabb, LengthUnit, Mat3, Vec3, WorldPoint};
 use crate::progress::{Progress, Threads};
 use crate::recipe::{FileFrame, Grid, Mask, Op, Operand, Recipe, Scale, Similarity};
 use crate::vdb::isolate::Program;
-use crate::vdb::{FileError, LevelSet, Placement, Sampled, Session, Tools, Volume};
+use crate::vdb::{FileError, LevelSet, Placement, Sampled, Session, Volume};
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -30,7 +30,7 @@ impl Volumes {
     ) -> Result<Self, RunError> {
         let recipe = inputs.recipe;
         let mut found = Self::default();
-        let session = Session::new(threads, progress).with_tools(Tools::OpenVdb);
+        let session = Session::new(threads, progress);
         for (n, op) in recipe.sections().op.iter().enumerate() {
             let key = format!("op.{n}");
             if let Some(mask) = op.mask() {
@@ -206,7 +206,9 @@ fn level_set(
         (Some(value), _) => value.0,
         (None, "fog volume") => FOG,
         (None, "level set") => {
-            return volume.into_level_set(path, session).map_err(Unfit::File);
+            let mut solid = volume.into_level_set(path, session).map_err(Unfit::File)?;
+            solid.even_band(session).map_err(Unfit::Tool)?;
+            return Ok(solid);
         }
         (None, _) => {
             return Err(Unfit::File(FileError::NotALevelSet {

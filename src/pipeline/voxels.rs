@@ -14,8 +14,6 @@ pub(super) struct Voxels {
     pub scale: Scale,
     /// Half width of the band, voxels.
     pub half_width: f64,
-    /// Whether the level set is a file's, for which OpenVDB's tools are taken.
-    pub are_of_file: bool,
 }
 
 /// The way of a solid to other voxels.
@@ -32,7 +30,6 @@ impl Voxels {
         Self {
             scale: stock.recipe.scale(),
             half_width: stock.recipe.sections().band.half_width.0,
-            are_of_file: stock.volumes.start().is_some(),
         }
     }
 

@@ -28,6 +28,9 @@ pub struct LevelSetCheck {
     pub voxel_size: f64,
     /// Voxels.
     pub half_width: f64,
+    /// How far distances are known inside and outside, voxels: less than the half width where the band is
+    /// narrower on that side.
+    pub known_widths: [f64; 2],
     /// World units.
     pub background: f64,
     /// Voxels of the band.
@@ -156,6 +159,7 @@ impl LevelSet {
         Ok(LevelSetCheck {
             voxel_size: self.voxel_size(),
             half_width: self.half_width(),
+            known_widths: self.known_widths()?,
             background: self.background(),
             active_voxels: total.active,
             not_finite: total.not_finite,

@@ -4,11 +4,11 @@
 use super::{LevelSet, Session, VdbError, ffi};
 use crate::band::{BLOCK, LEAF, Region};
 use crate::field::WorldField;
-use crate::frame::{Coord, Transform, Vec3};
+use crate::frame::{Aabb, Coord, Transform, Vec3};
 use crate::mesh::{QuadMesh, TriMesh};
 use crate::mesher::{LeafValues, Mesher, MesherError, Patch, Share};
 use rayon::prelude::*;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
 
 impl LevelSet {
     /// The zero set as triangles, counter-clockwise seen from outside, in world units, by
@@ -21,7 +21,7 @@ impl LevelSet {
     pub fn to_mesh(&self, session: Session<'_>) -> Result<TriMesh, VdbError> {
         let whole = self.with_neighbours()?;
         let leaves = whole.as_ref().unwrap_or(self).leaves()?;
-        let mesher = Mesher::new(self.transform).placed(self.origin);
+        let mesher = self.mesher();
         let made = session
             .threads
             .install(|| mesher.mesh(&values(&leaves), session.progress));
@@ -30,6 +30,66 @@ impl LevelSet {
             Err(MesherError::Torn { .. }) => Ok(self.to_quads(0.0, session)?.into_triangles()),
             Err(e) => Err(e.into()),
         }
+    }
+
+    fn mesher(&self) -> Mesher<'static> {
+        Mesher::new(self.transform).placed(self.origin).in_double()
+    }
+
+    /// The greatest coordinate of the leaves in magnitude, world units.
+    ///
+    /// # Errors
+    /// As [`LevelSet::leaves`].
+    pub fn far(&self) -> Result<f64, VdbError> {
+        let mut far = 0.0f64;
+        self.for_each_leaf(|leaf| {
+            for a in 0..3 {
+                for end in [leaf.origin[a], leaf.origin[a].saturating_add(LEAF)] {
+                    let at = f64::from(end) * self.voxel_size() + self.origin[a];
+                    far = far.max(at.abs());
+                }
+            }
+        })?;
+        Ok(far)
+    }
+
+    /// The box around the places where the surface crosses edges of the voxel lattice, linear between voxels:
+    /// that of the mesh, world units. Empty where the surface crosses none.
+    ///
+    /// # Errors
+    /// As [`LevelSet::leaves`].
+    pub fn crossings(&self) -> Result<Aabb, VdbError> {
+        let leaves = self.leaves()?;
+        let own: HashMap<Coord, usize> = leaves
+            .iter()
+            .enumerate()
+            .map(|(n, l)| (l.origin, n))
+            .collect();
+        let value = |origin: Coord, n: usize| Some(leaves.get(*own.get(&origin)?)?.values[n]);
+        let mut bounds = Aabb::EMPTY;
+        for leaf in leaves.iter() {
+            for (n, &inner) in leaf.values.iter().enumerate().filter(|(_, v)| **v < 0.0) {
+                for (axis, side) in [(0, -1), (0, 1), (1, -1), (1, 1), (2, -1), (2, 1)] {
+                    let stride = 64 >> (3 * axis);
+                    let along = (n / stride & 7) as i32 + side;
+                    let base = n - stride * (n / stride & 7) + stride * (along & 7) as usize;
+                    let outer = if (0..LEAF).contains(&along) {
+                        Some(leaf.values[base])
+                    } else {
+                        let mut origin = leaf.origin;
+                        origin.0[axis] += side * LEAF;
+                        value(origin, base)
+                    };
+                    if let Some(outer) = outer.filter(|v| *v >= 0.0) {
+                        let share = f64::from(inner) / (f64::from(inner) - f64::from(outer));
+                        let mut at = self.transform.world(leaf.voxel(n)).0 + self.origin;
+                        at[axis] += f64::from(side) * share * self.voxel_size();
+                        bounds = bounds.union(Aabb { min: at, max: at });
+                    }
+                }
+            }
+        }
+        Ok(bounds)
     }
 
     /// As [`LevelSet::to_mesh`], with vertices where a field vanishes, of which the level set is a sample.
@@ -43,7 +103,7 @@ impl LevelSet {
     ) -> Result<TriMesh, VdbError> {
         let whole = self.with_neighbours()?;
         let leaves = whole.as_ref().unwrap_or(self).leaves()?;
-        let mesher = Mesher::new(self.transform).placed(self.origin).on(field);
+        let mesher = self.mesher().on(field);
         let made = session
             .threads
             .install(|| mesher.mesh(&values(&leaves), session.progress));
@@ -67,7 +127,7 @@ impl LevelSet {
     ) -> Result<Patch, VdbError> {
         let whole = self.with_neighbours()?;
         let leaves = whole.as_ref().unwrap_or(self).leaves()?;
-        let mut mesher = Mesher::new(self.transform).placed(self.origin);
+        let mut mesher = self.mesher();
         if let Some(field) = exact {
             mesher = mesher.on(field);
         }
@@ -94,9 +154,7 @@ impl LevelSet {
         let whole = self.with_neighbours()?;
         let leaves = whole.as_ref().unwrap_or(self).leaves()?;
         let all = values(&leaves);
-        let mut mesher = Mesher::new(self.transform)
-            .placed(self.origin)
-            .reaching(far);
+        let mut mesher = self.mesher().reaching(far);
         if let Some(field) = exact {
             mesher = mesher.on(field);
         }

@@ -13,13 +13,15 @@ const CHUNK: usize = 64;
 
 /// How distances are rebuilt.
 #[derive(Clone, Copy)]
-struct Rebuild {
+pub(super) struct Rebuild {
     /// How far the surface is moved outwards, world units.
-    outwards: f64,
+    pub outwards: f64,
     /// Half width of the band then, world units.
-    background: f32,
+    pub background: f32,
+    /// How far from the surface distances are known before, world units.
+    pub known: f32,
     /// Leaves that meet it are rebuilt.
-    within: Region,
+    pub within: Region,
 }
 
 impl LevelSet {
@@ -42,6 +44,7 @@ impl LevelSet {
         let rebuild = Rebuild {
             outwards: 0.0,
             background: (half_width * self.voxel_size()) as f32,
+            known: self.background() as f32,
             within,
         };
         self.rebuild("widening the band", rebuild, session)?;
@@ -59,12 +62,13 @@ impl LevelSet {
         let rebuild = Rebuild {
             outwards,
             background: self.background() as f32,
+            known: self.background() as f32,
             within: Region::EVERYWHERE,
         };
         self.rebuild(doing, rebuild, session)
     }
 
-    fn rebuild(
+    pub(super) fn rebuild(
         &mut self,
         doing: &'static str,
         how: Rebuild,
@@ -97,15 +101,21 @@ impl LevelSet {
         let Rebuild {
             outwards,
             background,
+            known,
             within,
         } = how;
         let leaves = self.leaves()?;
         let own: Vec<Coord> = leaves.iter().map(|l| l.origin).collect();
         let leaf = |n: usize| leaf_of(&leaves, n);
-        let own_background = self.background() as f32;
-        let surface = SurfacePoints::new(leaves.len(), leaf, self.voxel_size(), own_background)
-            .with_background(background);
-        let stays = background > own_background;
+        let surface = SurfacePoints::new(leaves.len(), leaf, self.voxel_size(), known);
+        // Where distances end within the differences, these say nothing of how the surface bends.
+        let surface = if SurfacePoints::suffices(f64::from(known) / self.voxel_size()) {
+            surface
+        } else {
+            surface.straightened()
+        };
+        let surface = surface.with_background(background);
+        let stays = background > known;
         let mut all = surface.leaves_within(outwards);
         all.retain(|&origin| within.meets(origin, LEAF));
         let there = |origin: &Coord| own.binary_search(origin);
@@ -125,7 +135,7 @@ impl LevelSet {
             );
             let mut moved = surface.moved(origin, &inside, outwards);
             if let Some(n) = own.filter(|_| stays) {
-                moved.keep(&leaf(n), own_background);
+                moved.keep(&leaf(n), known);
             }
             let is_same = moved.mask == [0; 8] && (moved.values[0] < 0.0) == (inside[0] & 1 == 1);
             if own.is_some() || !is_same {

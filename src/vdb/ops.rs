@@ -165,12 +165,13 @@ impl LevelSet {
         })
     }
 
-    /// The solid that is in either; uses the operand up.
+    /// The solid that is in either; uses the operand up. Solids that touch in a plane of voxels become one.
     ///
     /// # Errors
     /// [`VdbError::Mismatch`] when voxel size, origin or half width differ; what OpenVDB refuses.
     pub fn union(&mut self, operand: Self, session: Session<'_>) -> Result<(), VdbError> {
-        self.combine("union", Csg::Union, operand, session)
+        self.combine("union", Csg::Union, operand, session)?;
+        self.join_contacts("union", session)
     }
 
     /// The solid that is in both; uses the operand up.
@@ -189,7 +190,7 @@ impl LevelSet {
         self.combine("subtract", Csg::Difference, operand, session)
     }
 
-    fn combine(
+    pub(super) fn combine(
         &mut self,
         doing: &'static str,
         kind: Csg,

@@ -1,6 +1,6 @@
 //! Operations that make a shape of a shape: walls, blends, fillets, masks, trims.
 
-use super::ffi::{self, Smoothing};
+use super::ffi::{self, Csg, Smoothing};
 use super::{LevelSet, LevelSetBuilder, Scheme, Session, VdbError, Volume};
 use crate::band::{Band, Region};
 use crate::field::BoxSolid;
@@ -191,13 +191,18 @@ impl LevelSet {
 
     /// Fills concave edges to a `radius` (world units): whatever a ball of that radius, rolled around
     /// the outside, cannot reach becomes solid; so do gaps narrower than twice the radius. Nothing is
-    /// taken away. Takes time in proportion to radius / voxel size.
+    /// taken away. A convex solid stays as it is.
     ///
     /// # Errors
     /// [`VdbError::Parameter`] unless the radius is positive and finite; [`VdbError::Cancelled`], or
     /// what OpenVDB refuses.
     pub fn fillet(&mut self, radius: f64, session: Session<'_>) -> Result<(), VdbError> {
         positive("radius of the fillet", radius)?;
+        if self.moves_by_points(session) {
+            let before = self.duplicate()?;
+            self.close(radius, session)?;
+            return self.combine("fillet", Csg::Union, before, session);
+        }
         // The scheme of first order moves flat walls by more than the fillet's own error.
         let how = Smoothing {
             high_order: true,

@@ -4,7 +4,8 @@
 #![allow(clippy::inline_always)]
 
 use super::list::{Cube, List, Middle, Reach};
-use super::points::Point;
+use super::points::{NO_WEDGE, Point};
+use super::wedge::Wedge;
 use crate::lanes::{Lanes, Work};
 
 /// Least that 1 + h k is taken for: beyond the centre of curvature other points are nearer.
@@ -50,6 +51,7 @@ pub(super) struct Block<'a> {
     /// Filled up to whole eights.
     pub list: &'a List,
     pub points: &'a [Point],
+    pub wedges: &'a [Wedge],
     /// The least voxel.
     pub first: [usize; 3],
     /// Farthest that a point can matter, voxels.
@@ -113,6 +115,7 @@ impl Work for Block<'_> {
         let mut normal = [[0.0; 8]; 3];
         let mut bend = [[0.0; 8]; 6];
         let mut sign = [1.0; 8];
+        let mut is_sharp = false;
         for n in 0..8 {
             let place = places[n] as usize;
             let point = &self.points[self.list.of[place] as usize];
@@ -123,6 +126,7 @@ impl Work for Block<'_> {
             for a in 0..6 {
                 bend[a][n] = point.bend[a];
             }
+            is_sharp |= point.wedge != NO_WEDGE;
             if self.inside >> n & 1 == 1 {
                 sign[n] = -1.0;
             }
@@ -134,6 +138,27 @@ impl Work for Block<'_> {
             l.sub(z, l.load(az)),
         ];
         let d = distances(l, (&normal, &bend), away, square, l.load(&sign));
+        let d = if is_sharp {
+            let mut sizes = [0.0; 8];
+            l.store(d, &mut sizes);
+            for n in 0..8 {
+                let place = places[n] as usize;
+                let wedge = self.points[self.list.of[place] as usize].wedge;
+                if wedge == NO_WEDGE {
+                    continue;
+                }
+                let voxel = [n >> 2, n >> 1 & 1, n & 1];
+                let mut from = [0.0; 3];
+                for a in 0..3 {
+                    from[a] = (self.first[a] + voxel[a]) as f32 - at[a][n];
+                }
+                let size = self.wedges[wedge as usize].distance(from) * sign[n];
+                sizes[n] = sign[n] * size.max(0.0);
+            }
+            l.load(&sizes)
+        } else {
+            d
+        };
         let Move {
             by,
             voxel_size,

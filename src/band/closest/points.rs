@@ -34,6 +34,8 @@ pub(super) struct Point {
     pub normal: [f32; 3],
     /// Second derivatives of the distance: x x, y y, z z, x y, y z, z x.
     pub bend: [f32; 6],
+    /// The number of the wedge that it lies on, or [`NO_WEDGE`].
+    pub wedge: u32,
 }
 
 impl Point {
@@ -63,6 +65,9 @@ impl Point {
         (size + edge * (straight - size), direction)
     }
 }
+
+/// A point that lies on no sharp edge.
+pub(super) const NO_WEDGE: u32 = u32::MAX;
 
 /// The voxels of a leaf and those about it.
 pub(super) struct Stencils {
@@ -199,6 +204,7 @@ impl Stencils {
                 mixed(2, 0),
             ]
             .map(|c| c / size),
+            wedge: NO_WEDGE,
         };
         point.at[axis] += share;
         point

@@ -5,6 +5,7 @@ use super::MovedLeaf;
 use super::block::{Block, Move};
 use super::list::{Cube, List, Middle, Nearest, Places, Reach};
 use super::points::Point;
+use super::wedge::Wedge;
 use crate::lanes::run;
 use std::cell::Cell;
 
@@ -90,7 +91,7 @@ impl<'a> Search<'a> {
     }
 
     /// The leaf's values and mask.
-    pub fn leaf(&self, points: &[Point]) -> MovedLeaf {
+    pub fn leaf(&self, points: &[Point], wedges: &[Wedge]) -> MovedLeaf {
         let background = self.lengths.background;
         let mut leaf = MovedLeaf {
             mask: [0; 8],
@@ -110,7 +111,7 @@ impl<'a> Search<'a> {
             }
             part.narrow(own, Cube::new(corner, 4), most);
             if !part.of.is_empty() {
-                self.part(part, points, corner, &mut leaf);
+                self.part(part, (points, wedges), corner, &mut leaf);
             }
         }
         LISTS.set(Some(lists));
@@ -125,7 +126,13 @@ impl<'a> Search<'a> {
     }
 
     /// The values of 4^3 voxels.
-    fn part(&self, list: &List, points: &[Point], corner: [usize; 3], leaf: &mut MovedLeaf) {
+    fn part(
+        &self,
+        list: &List,
+        (points, wedges): (&[Point], &[Wedge]),
+        corner: [usize; 3],
+        leaf: &mut MovedLeaf,
+    ) {
         for n in 0..8 {
             let [x, y, z] = [
                 corner[0] + 2 * (n >> 2),
@@ -144,6 +151,7 @@ impl<'a> Search<'a> {
             let found = run(Block {
                 list,
                 points,
+                wedges,
                 first: [x, y, z],
                 most,
                 inside: four(x) | four(x + 1) << 4,

@@ -58,7 +58,14 @@ fn package<W: Write + Seek>(
     Ok(())
 }
 
-fn vertex(xml: &mut dyn Write, v: Vec3) -> io::Result<()> {
+fn vertex(xml: &mut dyn Write, v: Vec3, is_double: bool) -> io::Result<()> {
+    if is_double {
+        return writeln!(
+            xml,
+            "<vertex x=\"{:?}\" y=\"{:?}\" z=\"{:?}\"/>",
+            v.x, v.y, v.z
+        );
+    }
     // As many digits as f32 needs, with an exponent where that is shorter: xs:double.
     let [x, y, z] = [v.x, v.y, v.z].map(|c| c as f32);
     writeln!(xml, "<vertex x=\"{x:?}\" y=\"{y:?}\" z=\"{z:?}\"/>")
@@ -76,7 +83,8 @@ pub(in crate::io) fn write(
     let bytes = 64 * (vertices + 2 * triangles);
     package(out, (unit, "", bytes), |xml| {
         writeln!(xml, "<vertices>")?;
-        rows.each_vertex(&mut |v, _| vertex(xml, v))?;
+        let is_double = rows.is_double();
+        rows.each_vertex(&mut |v, _| vertex(xml, v, is_double))?;
         writeln!(xml, "</vertices>\n<triangles>")?;
         rows.each_face(&mut |corners| match *corners {
             [a, b, c] if a != b && b != c && c != a => {
@@ -99,7 +107,7 @@ pub(in crate::io) fn write_beams(
     package(out, (unit, BEAMS, bytes), |xml| {
         writeln!(xml, "<vertices>")?;
         for node in &lattice.nodes {
-            vertex(xml, node * factor)?;
+            vertex(xml, node * factor, false)?;
         }
         writeln!(xml, "</vertices>")?;
         writeln!(

@@ -35,7 +35,7 @@ pub(super) fn gather(
         None
     };
     let thickness = thickness.as_ref();
-    let mut meshes = Meshes::create(yard, &solid.bricks, targets, thickness)?;
+    let mut meshes = Meshes::create(yard, &solid, targets, thickness)?;
     let found = measure(yard, &solid, &mut meshes)?;
     let mut meshes = meshes.commit()?;
     clock.lap("mesh")?;

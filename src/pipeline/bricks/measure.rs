@@ -44,6 +44,7 @@ pub(super) fn measure(
     let bench = bricks.bench(yard, &quiet);
     let failed = RunError::level_set("mesh");
     let far = solid.far();
+    let centre = Vec3::from(solid.centre());
     let halo = files.halo();
     // Patches weld from the upper ones down.
     for brick in (0..count).rev() {
@@ -54,8 +55,9 @@ pub(super) fn measure(
         let patch = own.patch(region, far, None, session).map_err(&failed)?;
         files.add(bench, &patch, false)?;
         let mesh = TriMesh::new(patch.vertices, patch.faces).map_err(|e| failed(e.into()))?;
-        // About the one origin: a part by itself is not closed.
-        let signed = |[a, b, c]: [Vec3; 3]| a.dot(&b.cross(&c)) / 6.0;
+        // About one place for all: a part by itself is not closed. In the solid, so that no digits are lost.
+        let signed =
+            |[a, b, c]: [Vec3; 3]| (a - centre).dot(&(b - centre).cross(&(c - centre))) / 6.0;
         found.volume += mesh.iter_corners().map(signed).sum::<f64>();
         found.area += mesh.area();
         found.bounds = found.bounds.union(mesh.bounds());

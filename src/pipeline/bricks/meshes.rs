@@ -5,20 +5,21 @@ use super::super::attributes::Attributes;
 use super::super::beams::beams as beams_of;
 use super::super::decimate::{Wish, decimated_patch};
 use super::super::error::RunError;
-use super::super::meshing::farthest;
+use super::super::meshing::{farthest, is_obj};
 use super::super::operate::Bench;
+use super::super::precision::needs_double;
 use super::super::report::MeshFacts;
 use super::super::shape::{Shape, shape};
 use super::super::thickness::Thickness;
 use super::Yard;
 use super::later::part;
-use super::solid::{Bricks, StoredSolid};
+use super::solid::StoredSolid;
 use crate::band::{BLOCK, LEAF, Region};
 use crate::field::WorldField;
-use crate::frame::{Coord, LengthUnit};
+use crate::frame::{Coord, LengthUnit, Vec3};
 use crate::io::{BeamLattice, Faces, MeshPart, MeshStream, write_beams};
 use crate::mesh::{Projected, Projection};
-use crate::mesher::{Patch, Welder};
+use crate::mesher::{Patch, Welder, clear_of_voxels};
 use crate::recipe::{Output, OutputKind, Scale};
 use crate::vdb::{LevelSet, VdbError};
 use std::collections::BTreeMap;
@@ -33,6 +34,8 @@ struct MeshOut<'a> {
     file: MeshStream,
     /// To its unit.
     factor: f64,
+    /// How far coordinates reach, world units, if vertices must be kept apart in single precision.
+    clears: Option<f64>,
     /// Whether its vertices are where the exact field vanishes.
     is_exact: bool,
     way: Way,
@@ -101,8 +104,21 @@ impl MeshOut<'_> {
         for<'f> Faces<'f>: From<&'f [[u32; N]]>,
     {
         let own = &patch.vertices[..patch.owned];
+        let mut cleared = Vec::new();
+        if let Some(far) = self.clears.filter(|_| self.way.takes_all()) {
+            cleared.clone_from(&patch.vertices);
+            let (h, origin) = (bench.scale.voxel_size, Vec3::zeros());
+            let clear = || clear_of_voxels(&mut cleared, h, origin, far);
+            if !bench.threads.install(clear) {
+                cleared.clear();
+            }
+        }
         self.file.add(MeshPart {
-            vertices: &patch.vertices,
+            vertices: if cleared.is_empty() {
+                &patch.vertices
+            } else {
+                &cleared
+            },
             owned: patch.owned,
             faces: patch.faces.as_slice().into(),
             numbered: numbered.into(),
@@ -191,12 +207,13 @@ impl<'a> Meshes<'a> {
     /// Begins all files.
     pub fn create(
         yard: &Yard<'a>,
-        bricks: &Bricks,
+        solid: &StoredSolid,
         targets: &Targets,
         thickness: Option<&'a Thickness>,
     ) -> Result<Self, RunError> {
         let recipe = yard.stock.recipe;
-        let bench = bricks.bench(yard, yard.progress);
+        let bench = solid.bricks.bench(yard, yard.progress);
+        let (far, centre) = (solid.far(), solid.centre());
         let (mut outs, mut beams) = (Vec::new(), Vec::new());
         for (output, path) in targets.of(OutputKind::Mesh) {
             let unit = output.unit_or_default(recipe.unit());
@@ -213,11 +230,14 @@ impl<'a> Meshes<'a> {
             let words = output.grids.as_deref().unwrap_or_default();
             let attributes = Attributes::new(bench, yard.stock, words, thickness, factor)?;
             let is_exact = output.project || output.sharp;
+            let is_double = needs_double(path, (far, centre), (bench.scale, factor))?;
             let moved = is_exact.then_some(0);
             outs.push(MeshOut {
                 path: path.clone(),
-                file: MeshStream::create(path, unit, output.quads, attributes.names())?,
+                file: MeshStream::create(path, unit, output.quads, attributes.names())?
+                    .in_double(is_double),
                 factor,
+                clears: (!is_double && !is_obj(path)).then_some(far),
                 is_exact,
                 way: Way::of(output, bench.scale),
                 attributes,

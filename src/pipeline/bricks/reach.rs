@@ -40,7 +40,7 @@ pub(crate) fn passes(stock: &Stock) -> Vec<Pass> {
     let mut passes = Vec::new();
     let mut voxels = Voxels::first(stock);
     let mut start = stock.pointwise();
-    if voxels.are_of_file {
+    if stock.volumes.start().is_some() {
         // The file's leaves as they are.
         passes.push(together(start..start, ops, voxels));
     }
@@ -145,17 +145,13 @@ fn together(ops: Range<usize>, all: &[Op], voxels: Voxels) -> Pass {
 
 /// Voxels around a voxel that may change what an operation makes of it.
 fn reach_of(op: &Op, on: Voxels) -> f64 {
-    let Voxels {
-        scale,
-        half_width,
-        are_of_file,
-    } = on;
+    let Voxels { scale, half_width } = on;
     let track = TRACK[usize::from(op.is_precise())];
     let voxels = |size: &Size| size.resolve(scale).abs() / scale.voxel_size;
     // Distances from points of the surface look as far as they go, and as the band is wide; those of
     // filters go in steps of half a voxel, each tracked.
     let offset = |v: f64, track: f64| {
-        if is_by_points(op, half_width) && !are_of_file {
+        if is_by_points(op, half_width) {
             v + half_width + STENCIL
         } else {
             (2.0 * v).ceil().max(1.0) * track
@@ -171,13 +167,15 @@ fn reach_of(op: &Op, on: Voxels) -> f64 {
             Op::Dilate(m) | Op::Erode(m) => offset(voxels(&m.distance), track),
             Op::Open(m) | Op::Close(m) => 2.0 * offset(voxels(&m.distance), track),
             Op::Hollow(h) => offset(voxels(&h.thickness), track),
-            // Its offsets are always of fifth order.
+            // A filter's offsets are always of fifth order.
             Op::Fillet(f) => 2.0 * offset(voxels(&f.radius), TRACK[1]),
             // Both bands are widened first, at once or voxel by voxel.
             Op::Blend(b) => {
                 let radius = voxels(&b.radius);
                 on.widening(radius + 2.0, op.is_precise()) + radius + TRACK[1]
             }
+            // Contacts are told by the neighbours.
+            Op::Union(_) => 1.0,
             Op::Gaussian(k) => box_filter(k, 4.0),
             Op::Mean(k) | Op::Median(k) => box_filter(k, 1.0),
             Op::Laplacian(f) | Op::Curvature(f) => f64::from(f.iterations.0) * (1.0 + track),

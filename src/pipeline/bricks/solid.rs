@@ -7,7 +7,6 @@ use super::plan::BrickPlan;
 use crate::band::{BLOCK, LEAF, LeafStore, Region};
 use crate::frame::Coord;
 use crate::progress::Progress;
-use crate::vdb::Tools;
 use std::collections::BTreeSet;
 
 /// Bricks on voxels of one size.
@@ -34,6 +33,13 @@ impl StoredSolid {
         let size = self.bricks.voxels.scale.voxel_size;
         let far = ends.map(|c| (f64::from(c) * size).abs());
         far.fold(0.0, f64::max)
+    }
+
+    /// The middle of its leaves, world units.
+    pub fn centre(&self) -> [f64; 3] {
+        let [min, max] = self.store.bounds().unwrap_or([Coord([0; 3]); 2]);
+        let size = self.bricks.voxels.scale.voxel_size;
+        [0, 1, 2].map(|a| 0.5 * (f64::from(min[a]) + f64::from(max[a])) * size)
     }
 }
 
@@ -89,11 +95,6 @@ impl Yard<'_> {
         Bench {
             scale: voxels.scale,
             half_width: voxels.half_width,
-            tools: if voxels.are_of_file {
-                Tools::OpenVdb
-            } else {
-                Tools::Own
-            },
             ..Bench::new(self.stock.recipe, self.threads, progress)
         }
     }

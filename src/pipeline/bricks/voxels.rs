@@ -7,7 +7,7 @@ use crate::frame::{Aabb, Coord, Transform};
 /// Voxels beyond what operations need.
 pub(super) const MARGIN: f64 = 8.0;
 /// Voxels about a point of the surface that say where it is.
-pub(super) const STENCIL: f64 = 3.0;
+pub(super) const STENCIL: f64 = 5.0;
 /// Voxels that OpenVDB reaches to make a band wider by one: six sweeps of fifth order.
 const RING: f64 = 38.0;
 /// Edges of cubes that a block is made by, where it is too much at once, voxels.
@@ -20,10 +20,10 @@ pub(super) fn whole_leaves(voxels: f64) -> i32 {
 
 impl Voxels {
     /// How far it reaches, in voxels, to widen the band to so many on each side; by which tools depends on
-    /// whose it is, and on whether it shall be `precise`.
+    /// its width, and on whether it shall be `precise`.
     pub fn widening(&self, half_width: f64, precise: bool) -> f64 {
         let wider = (half_width - self.half_width).ceil().max(0.0);
-        let by_points = !self.are_of_file && !precise && SurfacePoints::suffices(self.half_width);
+        let by_points = !precise && SurfacePoints::suffices(self.half_width);
         if by_points {
             self.half_width + wider + STENCIL
         } else {

@@ -1,0 +1,175 @@
+//! Samples on a plane where solids touch.
+//!
+//! A closed solid holds its surface, so solids that share a face are one. Where the shared face is a plane
+//! of samples, the least of their distances is 0 there, and 0 counts as outside: the solid would be cut. Such
+//! a sample is told from one on a real surface by its six neighbours: both ends of an axis lie inside, and on
+//! no axis does the sign change. It takes the value of the shallower neighbour, as if the shared face were not
+//! there. The same holds with the signs exchanged, where the space between two solids meets itself: a film
+//! without thickness is no solid.
+//!
+//! A single face on a plane of samples, and a gap of one sample or more, stay as they are.
+// Small functions of hot paths, which must be compiled for the processor that their caller is for.
+#![allow(clippy::inline_always)]
+
+use crate::lanes::{self, Lanes, Work};
+
+/// Farthest from 0 that a value counts as a contact, steps between samples: coordinates of input files
+/// are rounded to single precision.
+pub const CONTACT_TOLERANCE: f32 = 1e-4;
+/// Least depth of the neighbours on both sides of a contact, steps.
+const MIN_DEPTH: f32 = 0.02;
+/// A surface has an axis along which the values of the neighbours differ in sign by at least this, steps.
+const MIN_SLOPE: f32 = 0.25;
+
+/// The value of a sample near 0 that lies on a contact, from the values of its neighbours below and above along
+/// each axis, a `step` away; `None` if it lies on none.
+pub fn contact_value(neighbours: [[f32; 2]; 3], step: f32) -> Option<f32> {
+    let mut found: Option<f32> = None;
+    for [below, above] in neighbours {
+        let (low, high) = (below.min(above), below.max(above));
+        if low < -MIN_SLOPE * step && high > MIN_SLOPE * step {
+            return None;
+        }
+        let value = if high < -MIN_DEPTH * step {
+            high
+        } else if low > MIN_DEPTH * step {
+            low
+        } else {
+            continue;
+        };
+        found = match found {
+            // A saddle of the surface.
+            Some(other) if (other < 0.0) != (value < 0.0) => return None,
+            Some(other) if other.abs() >= value.abs() => found,
+            _ => Some(value),
+        };
+    }
+    found
+}
+
+/// The contacts of a leaf of 8^3 samples: offsets (z fastest) and new values, ascending. `layer` gives the
+/// 8^2 samples next to the leaf along an axis, below (0) or above (1) it, the last axis fastest; it is called
+/// only where a contact is possible.
+pub fn leaf_contacts(
+    values: &[f32; 512],
+    step: f32,
+    mut layer: impl FnMut(usize, usize) -> [f32; 64],
+) -> Vec<(usize, f32)> {
+    let near = lanes::run(Near {
+        values,
+        tolerance: CONTACT_TOLERANCE * step,
+    });
+    if near == [0; 8] {
+        return Vec::new();
+    }
+    let mut layers: [Option<[f32; 64]>; 6] = [None; 6];
+    let mut found = Vec::new();
+    for (x, word) in near.into_iter().enumerate() {
+        let mut bits = word;
+        while bits != 0 {
+            let n = 64 * x + bits.trailing_zeros() as usize;
+            bits &= bits - 1;
+            let place = [n >> 6, n >> 3 & 7, n & 7];
+            // Axes whose two neighbours lie in the leaf: most samples on a surface need no others.
+            let mut neighbours = [[0.0; 2]; 3];
+            for axis in (0..3).filter(|&a| (1..7).contains(&place[a])) {
+                let stride = 64 >> (3 * axis);
+                neighbours[axis] = [values[n - stride], values[n + stride]];
+            }
+            let is_inner = place.iter().all(|c| (1..7).contains(c));
+            let is_surface = neighbours
+                .iter()
+                .any(|[a, b]| a.min(*b) < -MIN_SLOPE * step && a.max(*b) > MIN_SLOPE * step);
+            if is_surface {
+                continue;
+            }
+            if !is_inner {
+                for axis in (0..3).filter(|&a| !(1..7).contains(&place[a])) {
+                    let stride = 64 >> (3 * axis);
+                    let (side, own) = match place[axis] {
+                        0 => (0, values[n + stride]),
+                        _ => (1, values[n - stride]),
+                    };
+                    // Neither a contact nor a change of sign on this axis.
+                    if own.abs() <= MIN_DEPTH * step {
+                        continue;
+                    }
+                    let across = match axis {
+                        0 => 8 * place[1] + place[2],
+                        1 => 8 * place[0] + place[2],
+                        _ => 8 * place[0] + place[1],
+                    };
+                    let slot = &mut layers[2 * axis + side];
+                    let beyond = slot.get_or_insert_with(|| layer(axis, side))[across];
+                    neighbours[axis] = [beyond, own];
+                }
+            }
+            if let Some(value) = contact_value(neighbours, step) {
+                found.push((n, value));
+            }
+        }
+    }
+    found
+}
+
+/// A bit for each value within a tolerance of 0, laid out as masks.
+struct Near<'a> {
+    values: &'a [f32; 512],
+    tolerance: f32,
+}
+
+impl Work for Near<'_> {
+    type Output = [u64; 8];
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, l: L) -> [u64; 8] {
+        let tolerance = l.splat(self.tolerance);
+        let mut near = [0; 8];
+        for (n, row) in self.values.as_chunks().0.iter().enumerate() {
+            let bits = l.below(l.magnitude(l.load(row)), tolerance);
+            near[n >> 3] |= u64::from(bits) << (8 * (n & 7));
+        }
+        near
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn contacts_are_told_from_surfaces_gaps_and_saddles() {
+        let inner = [0.0, 0.0];
+        assert_eq!(contact_value([inner, inner, [-1.0, -0.7]], 1.0), Some(-0.7));
+        assert_eq!(contact_value([inner, inner, [1.0, 0.7]], 1.0), Some(0.7));
+        // A face, the edge of a box, and one side of a gap of one step.
+        assert_eq!(contact_value([inner, inner, [-1.0, 1.0]], 1.0), None);
+        assert_eq!(contact_value([[-1.0, 1.0], inner, inner], 1.0), None);
+        assert_eq!(contact_value([inner, inner, [-1.0, 0.0]], 1.0), None);
+        // The wall of a cylindrical hole, which bends towards the solid.
+        let bent = [-0.1, -0.1];
+        assert_eq!(contact_value([bent, inner, [-1.0, 1.0]], 1.0), None);
+        assert_eq!(contact_value([[-0.3, -0.3], [0.3, 0.3], inner], 1.0), None);
+    }
+
+    #[test]
+    fn contacts_of_a_leaf_are_found_within_and_on_its_sides() {
+        for plane in 0..8 {
+            let depth = |z: usize| -(z as f32 - plane as f32).abs();
+            let values = std::array::from_fn(|n| depth(n & 7));
+            let layer = |axis: usize, side: usize| match axis {
+                2 => {
+                    [if side == 0 {
+                        depth(0) - 1.0
+                    } else {
+                        depth(7) - 1.0
+                    }; 64]
+                }
+                _ => std::array::from_fn(|n| depth(n & 7)),
+            };
+            let found = leaf_contacts(&values, 1.0, layer);
+            assert_eq!(found.len(), 64, "{plane}");
+            assert!(found.iter().all(|&(n, v)| n & 7 == plane && v == -1.0));
+        }
+    }
+}
