@@ -132,6 +132,7 @@ void grid_put_leaf(Grid&, const std::array<std::int32_t, 3>& origin, const std::
                    const std::array<float, 512>& values);
 void grid_put_tile(Grid&, const std::array<std::int32_t, 3>& origin, std::int32_t edge, float value, bool active);
 GridFacts grid_facts(const Grid&);
+std::uint64_t grid_active_voxels(const Grid&);
 std::unique_ptr<Block> block_new(std::int32_t x, std::int32_t y, std::int32_t z, float background);
 void block_add_leaves(Block&, rust::Slice<const std::int32_t> origins, rust::Slice<const std::uint64_t> masks,
                       rust::Slice<const float> values);
@@ -202,7 +203,8 @@ void stream_values(Stream&, const std::array<std::int32_t, 3>& origin, rust::Sli
 std::int32_t stream_close(Stream&);
 
 // render.cc
-void grid_trace(const Grid&, const Camera&, rust::Slice<float> hits, const Host&);
+void grid_trace(const Grid&, const Camera&, rust::Slice<const std::uint32_t> wanted, rust::Slice<float> hits,
+                const Host&);
 void grid_shade(const Grid&, const Camera&, rust::Slice<float> hits, const Host&);
 
 }  // namespace druse

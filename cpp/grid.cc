@@ -104,6 +104,8 @@ bool background_of(const GridBase& base, double& out) {
 
 }  // namespace
 
+std::uint64_t grid_active_voxels(const Grid& handle) { return handle.impl->base->activeVoxelCount(); }
+
 GridFacts grid_facts(const Grid& handle) {
   const GridBase& base = *handle.impl->base;
   GridFacts facts{};

@@ -1,12 +1,13 @@
 // Rays against a level set: depth, normal and shadow of each sample; nothing about colour.
+//
+// A ray goes by the distance that the level set holds for where it is, in cubes without leaves to their end,
+// and where the sign changes to the zero between. That takes a dozen looks at the grid a ray.
 #include "impl.h"
-
-#include <openvdb/tools/Interpolation.h>
-#include <openvdb/tools/RayIntersector.h>
 
 #include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 
@@ -16,19 +17,34 @@ namespace druse {
 
 namespace {
 
-using Ray = math::Ray<double>;
-using Tester = tools::LevelSetRayIntersector<FloatGrid>;
-
 constexpr double kFar = std::numeric_limits<double>::max();
 constexpr std::size_t kNumbers = 6;
 
+// Steps, in voxels. Values are at most so steep that a step of their share stays before the surface; close to it
+// steps have a least length, below which nothing is that a grid can hold.
+constexpr double kShare = 0.9, kLeastStep = 0.35;
+// Farthest that the nearest voxel's centre is from a place, rounded up.
+constexpr double kToCentre = 0.87;
+// Looks at which a zero is closed in.
+constexpr int kCloser = 4;
+
 Vec3d vec(const std::array<double, 3>& v) { return {v[0], v[1], v[2]}; }
 
-// One thread's view of the scene: the tester keeps accessors and is not to be shared.
+// What is found on a ray: its length, voxels, and the slope there.
+struct Found {
+  double time;
+  Vec3d slope;
+};
+
+// One thread's view of the scene: accessors are not to be shared. Lengths are voxels, but for the camera's.
 class Tracer {
  public:
-  Tracer(const FloatGrid& grid, const Tester& tester, const Camera& camera)
-      : grid_(grid), access_(grid.getConstAccessor()), tester_(tester), camera_(camera), light_(vec(camera.light)) {
+  Tracer(const FloatGrid& grid, const CoordBBox& box, const Camera& camera)
+      : grid_(grid), access_(grid.getConstAccessor()), camera_(camera), light_(vec(camera.light)) {
+    voxel_ = grid.voxelSize()[0];
+    per_voxel_ = 1.0 / voxel_;
+    low_ = box.min().asVec3d() - Vec3d(1.0);
+    high_ = box.max().asVec3d() + Vec3d(1.0);
     if (camera.cut_axis >= 0) {
       axis_ = camera.cut_axis;
       // The side of the eye is left away.
@@ -44,18 +60,20 @@ class Tracer {
     if (axis_ >= 0 && side_ * (eye[axis_] - camera_.cut) > 0) {
       if (side_ * direction[axis_] >= 0) return;  // never leaves what is left away
       start = (camera_.cut - eye[axis_]) / direction[axis_];
-      if (value(eye + direction * start) < 0) {
+      const Vec3d at = grid_.worldToIndex(eye + direction * start);
+      if ((cell(at) ? value() : access_.getValue(base_)) < 0) {
         Vec3d normal(0);
         normal[axis_] = side_;
         return store(out, eye + direction * start, normal, start, true);
       }
     }
-    const Ray beyond(eye + direction * start, direction, 1e-6 * grid_.voxelSize()[0], kFar);
-    Vec3d point, normal;
-    double time = 0;
-    if (tester_.intersectsWS(beyond, point, normal, time)) {
+    Found found;
+    if (march(grid_.worldToIndex(eye), direction, start * per_voxel_, kFar, found)) {
+      Vec3d normal = found.slope;
+      normal.normalize();
       if (normal.dot(direction) > 0) normal = -normal;
-      store(out, point, normal, (point - eye).dot(direction), false);
+      const double depth = found.time * voxel_;
+      store(out, eye + direction * depth, normal, depth, false);
     }
   }
 
@@ -65,7 +83,7 @@ class Tracer {
     Vec3d eye, direction;
     ray(i, j, eye, direction);
     const Vec3d normal(out[1], out[2], out[3]);
-    if (!is_lit(eye + direction * double(out[0]) + normal * (1.5 * grid_.voxelSize()[0]))) out[5] = 0;
+    if (!is_lit(eye + direction * double(out[0]) + normal * (1.5 * voxel_))) out[5] = 0;
   }
 
  private:
@@ -79,13 +97,11 @@ class Tracer {
     }
   }
 
-  float value(const Vec3d& world) { return tools::BoxSampler::sample(access_, grid_.worldToIndex(world)); }
-
   void store(float* out, const Vec3d& point, const Vec3d& normal, double depth, bool on_cut) {
     out[0] = static_cast<float>(depth);
     for (int a = 0; a < 3; ++a) out[1 + a] = static_cast<float>(normal[a]);
     out[4] = on_cut ? 1.0f : 0.0f;
-    out[5] = normal.dot(light_) > 0 && is_lit(point + normal * (1.5 * grid_.voxelSize()[0])) ? 1.0f : 0.0f;
+    out[5] = normal.dot(light_) > 0 && is_lit(point + normal * (1.5 * voxel_)) ? 1.0f : 0.0f;
   }
 
   bool is_lit(const Vec3d& point) {
@@ -94,37 +110,161 @@ class Tracer {
       end = (camera_.cut - point[axis_]) / light_[axis_];
       if (end <= 0) return true;
     }
-    return !tester_.intersectsWS(Ray(point, light_, 1e-6 * grid_.voxelSize()[0], end));
+    Found found;
+    return !march(grid_.worldToIndex(point), light_, 0, end == kFar ? kFar : end * per_voxel_, found);
+  }
+
+  // The voxels around a place, if the least of them is in a leaf.
+  bool cell(const Vec3d& at) {
+    const Coord base = Coord::floor(at);
+    share_ = at - base.asVec3d();
+    if (base == base_ && leaf_) return true;
+    base_ = base;
+    leaf_ = access_.probeConstLeaf(base);
+    if (!leaf_) return false;
+    const auto inner = [](int c) { return (c & 7) != 7; };
+    if (inner(base[0]) && inner(base[1]) && inner(base[2])) {
+      const float* v = leaf_->buffer().data() + Leaf::coordToOffset(base);
+      const int corner[8] = {0, 1, 8, 9, 64, 65, 72, 73};
+      for (int c = 0; c < 8; ++c) corner_[c] = v[corner[c]] * per_voxel_;
+    } else {
+      for (int c = 0; c < 8; ++c)
+        corner_[c] = access_.getValue(base.offsetBy(c >> 2, c >> 1 & 1, c & 1)) * per_voxel_;
+    }
+    return true;
+  }
+
+  // Linear between the corners of the cell.
+  double value() const {
+    double x[4];
+    for (int c = 0; c < 4; ++c) x[c] = corner_[c] + (corner_[c + 4] - corner_[c]) * share_[0];
+    const double y0 = x[0] + (x[2] - x[0]) * share_[1], y1 = x[1] + (x[3] - x[1]) * share_[1];
+    return y0 + (y1 - y0) * share_[2];
+  }
+
+  Vec3d slope() const {
+    const double x = share_[0], y = share_[1], z = share_[2];
+    const auto mix = [](double a, double b, double t) { return a + (b - a) * t; };
+    const auto along = [&](int step, int u, int v, double s, double t) {
+      const auto rise = [&](int c) { return corner_[c + step] - corner_[c]; };
+      return mix(mix(rise(0), rise(u), s), mix(rise(v), rise(u + v), s), t);
+    };
+    return {along(4, 2, 1, y, z), along(2, 4, 1, x, z), along(1, 4, 2, x, y)};
+  }
+
+  // Where a ray first comes from outside into the solid, between two lengths of it.
+  bool march(const Vec3d& from, const Vec3d& direction, double time, double end, Found& found) {
+    for (int a = 0; a < 3; ++a) {
+      if (direction[a] == 0) {
+        if (from[a] < low_[a] || from[a] > high_[a]) return false;
+        continue;
+      }
+      const double one = (low_[a] - from[a]) / direction[a], other = (high_[a] - from[a]) / direction[a];
+      time = std::max(time, std::min(one, other));
+      end = std::min(end, std::max(one, other));
+    }
+    double before = time, outside = 1;  // the last place outside, and its distance
+    while (time <= end) {
+      const Vec3d at = from + direction * time;
+      if (!cell(at)) {
+        time = leave(at, direction, time);
+        continue;
+      }
+      const double near = leaf_value(at) - kToCentre;
+      if (near > kLeastStep) {
+        before = time;
+        outside = near;
+        time += near;
+        continue;
+      }
+      const double distance = value();
+      if (distance < 0) return close(from, direction, before, time, outside, distance, found);
+      before = time;
+      outside = distance;
+      time += std::max(kShare * distance, kLeastStep);
+    }
+    return false;
+  }
+
+  // The value at the voxel nearest to a place, if it is in the leaf at hand, else none.
+  double leaf_value(const Vec3d& at) const {
+    const Coord nearest = Coord::round(at);
+    if ((nearest & ~7) != leaf_->origin()) return 0;
+    return leaf_->buffer().data()[Leaf::coordToOffset(nearest)] * per_voxel_;
+  }
+
+  // The length at which a ray leaves the cube without leaves that it is in.
+  double leave(const Vec3d& at, const Vec3d& direction, double time) {
+    const int depth = access_.getValueDepth(base_);
+    const Int32 edge = depth >= 2 ? 8 : depth == 1 ? 128 : 4096;
+    const Vec3d low = (base_ & ~(edge - 1)).asVec3d();
+    double step = kFar;
+    for (int a = 0; a < 3; ++a) {
+      if (direction[a] == 0) continue;
+      step = std::min(step, (low[a] + (direction[a] > 0 ? edge : 0) - at[a]) / direction[a]);
+    }
+    // A hair beyond, into the next.
+    return time + std::max(step, 0.0) + 1e-3;
+  }
+
+  // Closes in the zero between a place outside and one inside.
+  bool close(const Vec3d& from, const Vec3d& direction, double outer, double inner, double outside, double inside,
+             Found& found) {
+    double time = inner;
+    for (int n = 0; n < kCloser; ++n) {
+      const double share = std::clamp(outside / (outside - inside), 0.02, 0.98);
+      time = outer + (inner - outer) * share;
+      if (!cell(from + direction * time)) break;
+      const double distance = value();
+      if (std::abs(distance) < 1e-4) break;
+      if (distance < 0) {
+        inner = time;
+        inside = distance;
+      } else {
+        outer = time;
+        outside = distance;
+      }
+    }
+    if (!cell(from + direction * time)) cell(from + direction * (time = inner));
+    found = {time, slope()};
+    return true;
   }
 
   const FloatGrid& grid_;
   FloatGrid::ConstAccessor access_;
-  Tester tester_;
   const Camera& camera_;
-  Vec3d light_;
+  Vec3d light_, low_, high_;
+  double voxel_ = 1, per_voxel_ = 1;
   int axis_ = -1;
   double side_ = 1;
+  // The cell at hand: its least voxel, the leaf of that, the values at its corners, a place in it.
+  Coord base_ = Coord::max();
+  const Leaf* leaf_ = nullptr;
+  double corner_[8] = {};
+  Vec3d share_{0.0};
 };
 
 }  // namespace
 
 namespace {
 
-// Calls `visit` for each sample of a view, rows in parallel, with a tracer and the sample's numbers.
+// Calls `visit` for samples of a view, all of them or those with some numbers, in parallel, with a tracer and the
+// sample's numbers.
 template <typename Visit>
-void each_sample(const FloatGrid& grid, const Camera& camera, rust::Slice<float> hits, const Host& host,
-                 Visit&& visit) {
-  if (hits.size() != kNumbers * camera.columns * camera.rows)
+void each_sample(const FloatGrid& grid, const Camera& camera, rust::Slice<const std::uint32_t> wanted,
+                 rust::Slice<float> hits, const Host& host, Visit&& visit) {
+  const std::size_t count = wanted.empty() ? camera.columns * camera.rows : wanted.size();
+  if (hits.size() != kNumbers * count)
     throw std::invalid_argument("the picture's buffer has " + std::to_string(hits.size()) + " numbers");
-  const Tester tester(grid);
+  const CoordBBox box = grid.evalActiveVoxelBoundingBox();
   Interrupter interrupter(host);
   in_arena(host, [&] {
-    tbb::parallel_for(tbb::blocked_range<std::size_t>(0, camera.rows, 8), [&](const auto& rows) {
-      Tracer tracer(grid, tester, camera);
-      for (std::size_t j = rows.begin(); j != rows.end(); ++j) {
-        if (interrupter.wasInterrupted()) return;
-        for (std::size_t i = 0; i < camera.columns; ++i)
-          visit(tracer, i, j, hits.data() + kNumbers * (j * camera.columns + i));
+    tbb::parallel_for(tbb::blocked_range<std::size_t>(0, count, 4096), [&](const auto& range) {
+      Tracer tracer(grid, box, camera);
+      for (std::size_t n = range.begin(); n != range.end(); ++n) {
+        if (n % 1024 == 0 && interrupter.wasInterrupted()) return;
+        const std::size_t at = wanted.empty() ? n : wanted[n];
+        visit(tracer, at % camera.columns, at / camera.columns, hits.data() + kNumbers * n);
       }
     });
   });
@@ -133,20 +273,21 @@ void each_sample(const FloatGrid& grid, const Camera& camera, rust::Slice<float>
 
 }  // namespace
 
-void grid_trace(const Grid& handle, const Camera& camera, rust::Slice<float> hits, const Host& host) {
+void grid_trace(const Grid& handle, const Camera& camera, rust::Slice<const std::uint32_t> wanted,
+                rust::Slice<float> hits, const Host& host) {
   const FloatGrid& grid = floats(handle);
   if (grid.empty()) {
     for (std::size_t n = 0; n < hits.size(); n += kNumbers) hits[n] = std::numeric_limits<float>::infinity();
     return;
   }
-  each_sample(grid, camera, hits, host,
+  each_sample(grid, camera, wanted, hits, host,
               [](Tracer& tracer, std::size_t i, std::size_t j, float* out) { tracer.sample(i, j, out); });
 }
 
 void grid_shade(const Grid& handle, const Camera& camera, rust::Slice<float> hits, const Host& host) {
   const FloatGrid& grid = floats(handle);
   if (grid.empty()) return;
-  each_sample(grid, camera, hits, host,
+  each_sample(grid, camera, {}, hits, host,
               [](Tracer& tracer, std::size_t i, std::size_t j, float* out) { tracer.shade(i, j, out); });
 }
 

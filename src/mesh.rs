@@ -13,6 +13,7 @@
 //! ```
 
 use crate::frame::{Aabb, Vec3};
+use rayon::prelude::*;
 use std::collections::HashMap;
 use std::hash::{BuildHasherDefault, Hasher};
 
@@ -78,6 +79,17 @@ pub enum MeshError {
     /// More vertices than a 32-bit index can name.
     #[error("{0} vertices; expected at most 4294967295")]
     TooMany(usize),
+}
+
+/// What [`TriMesh::measures`] found.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MeshMeasures {
+    /// The box around the triangles; empty for an empty mesh.
+    pub bounds: Aabb,
+    /// As [`TriMesh::volume`].
+    pub volume: f64,
+    /// As [`TriMesh::area`].
+    pub area: f64,
 }
 
 /// Triangles over shared vertices; indices in range and coordinates finite, nothing else promised.
@@ -157,6 +169,43 @@ impl TriMesh {
             .map(|[a, b, c]| (b - a).cross(&(c - a)).norm())
             .sum();
         two / 2.0
+    }
+
+    /// Box, volume and area at once, by the threads of the pool that it is called in. Sums of parts of fixed
+    /// size, in order: no number depends on the threads.
+    pub fn measures(&self) -> MeshMeasures {
+        const PART: usize = 1 << 14;
+        let parts = self.triangles.par_chunks(PART);
+        let boxes: Vec<Aabb> = parts
+            .clone()
+            .map(|part| {
+                let corners = part.iter().flatten();
+                Aabb::of(corners.map(|&v| self.vertices[v as usize]))
+            })
+            .collect();
+        let bounds = boxes.into_iter().fold(Aabb::EMPTY, Aabb::union);
+        let middle = if bounds.is_empty() {
+            Vec3::zeros()
+        } else {
+            bounds.centre().0
+        };
+        let sums: Vec<[f64; 2]> = parts
+            .map(|part| {
+                let corners = part.iter().map(|t| t.map(|v| self.vertices[v as usize]));
+                corners.fold([0.0; 2], |[six, two], [a, b, c]| {
+                    let normal = (b - a).cross(&(c - a));
+                    [six + (a - middle).dot(&normal), two + normal.norm()]
+                })
+            })
+            .collect();
+        let [six, two] = sums
+            .iter()
+            .fold([0.0; 2], |a, b| [a[0] + b[0], a[1] + b[1]]);
+        MeshMeasures {
+            bounds,
+            volume: six / 6.0,
+            area: two / 2.0,
+        }
     }
 
     /// The middle of the box: measures are taken from here so that far-away meshes lose no digits.

@@ -23,6 +23,7 @@ use std::time::{Instant, SystemTime};
 
 mod attributes;
 mod beams;
+mod bins;
 mod bricks;
 mod cells;
 mod crystals;
@@ -106,6 +107,8 @@ pub struct RunOptions {
     /// The child process that opens `.vdb` files of others; without one they are read in this process,
     /// which a damaged file can bring down.
     pub isolated: Option<crate::vdb::isolate::Program>,
+    /// A grid of such a file that has been read already: the run takes it instead of reading it again.
+    pub opened: Option<crate::vdb::isolate::Opened>,
 }
 
 /// Predicts what [`run`] would need and make, in a few seconds.
@@ -299,10 +302,11 @@ fn measure(
     let failed = RunError::level_set("measure");
     let session = bench.session();
     if !wants_mesh {
-        report.volume = solid.volume(session).map_err(&failed)?;
-        report.area = solid.area(session).map_err(&failed)?;
-        report.components = solid.components(session).map_err(&failed)?.len() as u64;
-        report.bounds = Some(solid.bounds().map_err(&failed)?);
+        let found = solid.measures(session).map_err(&failed)?;
+        report.volume = found.volume;
+        report.area = found.area;
+        report.components = found.components;
+        report.bounds = Some(found.bounds);
         clock.lap("measure")?;
         return Ok(None);
     }
@@ -318,10 +322,11 @@ fn measure(
     clock.lap("mesh")?;
     bench.progress.stage("measure", None);
     // Of the mesh, which is what leaves; OpenVDB's own measure errs by as much to the other side.
-    report.volume = mesh.volume();
-    report.area = mesh.area();
+    let found = bench.threads.install(|| mesh.measures());
+    report.volume = found.volume;
+    report.area = found.area;
     report.components = solid.components(session).map_err(&failed)?.len() as u64;
-    report.bounds = Some(mesh.bounds());
+    report.bounds = Some(found.bounds);
     (report.volume_fraction_asked, report.volume_fraction_cell) = stock.fractions();
     report.volume_fraction = stock.room().map(|room| report.volume / room);
     clock.lap("measure")?;

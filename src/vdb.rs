@@ -36,7 +36,7 @@
 //! assert!((solid.volume(session).unwrap() / exact - 1.0).abs() < 0.01);
 //! ```
 
-use crate::frame::{Aabb, Transform, Vec3};
+use crate::frame::{Aabb, Transform, Vec3, WorldPoint};
 use crate::progress::{Progress, Threads};
 use cxx::UniquePtr;
 
@@ -56,6 +56,7 @@ mod index;
 pub mod isolate;
 mod leaves;
 mod light;
+mod measures;
 mod memory;
 mod mesh;
 mod moves;
@@ -65,6 +66,7 @@ mod pieces;
 mod render;
 mod render_parts;
 mod sampled;
+mod samples;
 mod segments;
 mod shape;
 mod smooth;
@@ -83,6 +85,7 @@ pub use error::{FileError, VdbError};
 pub use file::{FileInfo, GridInfo, info, read};
 pub use fog::Fog;
 pub use leaves::{LeafView, Leaves, TileView};
+pub use measures::Measures;
 pub use memory::{peak_memory, resident_memory};
 pub use pieces::Piece;
 pub use render::{Image, Picture};
@@ -222,7 +225,7 @@ impl LevelSet {
     /// # Errors
     /// As [`LevelSet::info`].
     pub fn active_voxels(&self) -> Result<u64, VdbError> {
-        Ok(self.info()?.active_voxels)
+        ffi::grid_active_voxels(&self.grid).map_err(|e| VdbError::plain("counting", &e))
     }
 
     /// Memory that the tree takes, bytes.
@@ -240,6 +243,19 @@ impl LevelSet {
     pub fn bounds(&self) -> Result<Aabb, VdbError> {
         let mut bounds = Aabb::EMPTY;
         self.for_each_leaf(|leaf| {
+            // Leaves within the box so far, with what their values reach beyond them, cannot widen it.
+            let deepest = leaf
+                .values
+                .iter()
+                .fold(0f32, |d, v| if -v > d { -v } else { d });
+            let ends = [0, 511].map(|n| self.transform.world(leaf.voxel(n)).0 + self.origin);
+            let own = Aabb::of(ends).dilated(f64::from(deepest));
+            if [own.min, own.max]
+                .iter()
+                .all(|&p| bounds.contains(WorldPoint(p)))
+            {
+                return;
+            }
             for (n, &v) in leaf.values.iter().enumerate() {
                 if v < 0.0 && leaf.is_active(n) {
                     // A ball of radius |v| around an inside voxel is inside.

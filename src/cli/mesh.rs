@@ -23,10 +23,10 @@ pub(super) struct Parameters {
     /// Quads instead of triangles (.ply, .obj).
     #[arg(long)]
     quads: bool,
-    /// What makes the triangles: openvdb, or druse, whose triangles never meet where they should not.
-    /// Quads and adaptivity are always OpenVDB's.
-    #[arg(long, value_name = "NAME", default_value = "openvdb")]
-    mesher: MesherWord,
+    /// What makes the triangles: druse, whose triangles never meet where they should not, or openvdb
+    /// [default: druse, as in a recipe; quads and adaptivity are always OpenVDB's].
+    #[arg(long, value_name = "NAME")]
+    mesher: Option<MesherWord>,
     /// Merge flat regions: from 0, nothing, to 1, all that can be.
     #[arg(long, value_name = "NUMBER")]
     adaptivity: Option<Fraction>,
@@ -53,7 +53,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
         ("mesh", Some(path_value(&p.output)?)),
         ("unit", Some(Value::String(p.out_unit.symbol().into()))),
         ("quads", Some(Value::Boolean(p.quads))),
-        ("mesher", Some(Value::String(p.mesher.word().into()))),
+        ("mesher", p.mesher.map(|m| Value::String(m.word().into()))),
         ("adaptivity", p.adaptivity.map(|a| Value::Float(a.0))),
         ("decimate", p.decimate.map(decimate)),
     ]);

@@ -57,6 +57,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
         strict: session.strict(),
         brief: false,
         isolated: Some(super::vdb::reader()?),
+        opened: None,
     };
     if p.dry_run {
         let estimate = plan(&recipe, &options, session)?;

@@ -61,9 +61,13 @@ enum Format {
 }
 
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
-    let recipe = match FileKind::of(&p.file, &[FileKind::Vdb, FileKind::Recipe])? {
-        FileKind::Vdb => Draft::of_file(&p.file, &p.choice)?.0.recipe()?,
-        _ => Recipe::read(&p.file, &p.set)?,
+    let (recipe, opened) = match FileKind::of(&p.file, &[FileKind::Vdb, FileKind::Recipe])? {
+        FileKind::Vdb => {
+            let (mut draft, _) = Draft::of_file(&p.file, &p.choice)?;
+            let opened = draft.opened.take();
+            (draft.recipe()?, opened)
+        }
+        _ => (Recipe::read(&p.file, &p.set)?, None),
     };
     let extension = p.output.extension().and_then(|e| e.to_str());
     let format = p.format.unwrap_or(match extension {
@@ -75,6 +79,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
         threads: p.threads,
         strict: session.strict(),
         isolated: Some(super::vdb::reader()?),
+        opened,
         ..RunOptions::default()
     };
     let how = SliceOptions {

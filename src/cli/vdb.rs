@@ -70,8 +70,7 @@ pub(super) fn level_set(
     session: vdb::Session<'_>,
 ) -> Result<LevelSet, Failure> {
     let volume = reader()?.fetch(path, name)?;
-    let info = volume.info()?;
-    if info.class == "fog volume" {
+    if volume.info().class == "fog volume" {
         return Ok(volume.isosurface(0.5, 3.0, session)?);
     }
     Ok(volume.into_level_set(path, session)?)

@@ -4,7 +4,7 @@ use super::{Answer, Failure, Session};
 use crate::frame::LengthUnit;
 use crate::pipeline::{Report, RunOptions, run};
 use crate::recipe::{Length, Recipe, Size};
-use crate::vdb::FileInfo;
+use crate::vdb::isolate::Opened;
 use clap::Args;
 use std::path::Path;
 use toml::{Table, Value};
@@ -28,6 +28,8 @@ pub(super) struct Draft {
     sections: Table,
     operations: Vec<Value>,
     outputs: Vec<Value>,
+    /// The grid that it starts from, read once for its voxels and for the run.
+    pub opened: Option<Opened>,
 }
 
 /// A table of the keys that are there.
@@ -50,12 +52,6 @@ pub(super) fn path_value(path: &Path) -> Result<Value, Failure> {
     Ok(Value::String(text.to_owned()))
 }
 
-/// The unit of a file's lengths: as told, by its own word, or metres.
-pub(super) fn unit_of(info: &FileInfo, told: Option<LengthUnit>) -> LengthUnit {
-    let own = || super::info::unit_of(info).parse().ok();
-    told.or_else(own).unwrap_or(LengthUnit::Metre)
-}
-
 impl Draft {
     pub fn new(unit: LengthUnit, voxel_size: Value, half_width: f64) -> Self {
         let band = table([
@@ -70,27 +66,20 @@ impl Draft {
             sections,
             operations: Vec::new(),
             outputs: Vec::new(),
+            opened: None,
         }
     }
 
     /// A draft that starts from a grid of a file, in the file's own unit and voxels.
     pub fn of_file(path: &Path, choice: &GridChoice) -> Result<(Self, LengthUnit), Failure> {
-        let info = super::vdb::inspect(path)?;
-        let unit = unit_of(&info, choice.unit);
-        let wanted = |name: &str| info.grids.iter().find(|g| g.name == name);
-        let level_set = || info.grids.iter().find(|g| g.class == "level set");
-        let chosen = match choice.grid.as_deref() {
-            Some(name) => wanted(name),
-            None => wanted("surface")
-                .or_else(level_set)
-                .or_else(|| info.grids.iter().find(|g| g.grid_type.contains("float"))),
-        };
-        // The reader says it better when there is no such grid.
-        let (voxel, width) = chosen.map_or((1.0, 3.0), |g| {
-            let voxel = g.voxel_size[0];
-            let own = g.background.filter(|_| g.class == "level set");
-            (voxel, own.map_or(3.0, |b| b / voxel))
-        });
+        let name = choice.grid.as_deref();
+        let volume = super::vdb::reader()?.fetch(path, name)?;
+        let own = || volume.meta("druse.unit").and_then(|u| u.parse().ok());
+        let unit = choice.unit.or_else(own).unwrap_or(LengthUnit::Metre);
+        let info = volume.info();
+        let voxel = info.voxel_size[0];
+        let own = info.background.filter(|_| info.class == "level set");
+        let width = own.map_or(3.0, |background| background / voxel);
         let width = if (1.5..=64.0).contains(&width) {
             width
         } else {
@@ -104,6 +93,7 @@ impl Draft {
             ("unit", Some(Value::String(unit.symbol().into()))),
         ]);
         draft.operation("union", table([("vdb", Some(source))]));
+        draft.opened = Some(Opened::new(path, name, volume));
         Ok((draft, unit))
     }
 
@@ -125,13 +115,19 @@ impl Draft {
     }
 
     /// Runs it.
-    pub fn run(self, session: &Session, threads: usize) -> Result<(Report, Vec<String>), Failure> {
+    pub fn run(
+        mut self,
+        session: &Session,
+        threads: usize,
+    ) -> Result<(Report, Vec<String>), Failure> {
+        let opened = self.opened.take();
         let recipe = self.recipe()?;
         let options = RunOptions {
             threads,
             strict: session.strict(),
             brief: true,
             isolated: Some(super::vdb::reader()?),
+            opened,
             ..RunOptions::default()
         };
         let report = run(&recipe, &options, session)?;

@@ -465,24 +465,35 @@ pub(super) fn size(mesh: &MeshView, unit: LengthUnit) -> u64 {
 /// Writes binary PLY, little-endian; coordinates as `float`, or as `double` where the rows ask for it.
 pub(super) fn write(out: &mut dyn Write, rows: &mut dyn Rows, unit: LengthUnit) -> io::Result<()> {
     out.write_all(head(rows, unit).as_bytes())?;
-    let mut row = Vec::new();
+    let mut batch = Vec::with_capacity(2 * BATCH_BYTES);
+    let mut flush = |batch: &mut Vec<u8>, least: usize| match batch.len() {
+        bytes if bytes < least => Ok(()),
+        _ => out.write_all(batch).map(|()| batch.clear()),
+    };
     let is_double = rows.is_double();
     rows.each_vertex(&mut |v, numbers| {
-        row.clear();
-        for c in [v.x, v.y, v.z] {
-            if is_double {
-                row.extend(c.to_le_bytes());
-            } else {
-                row.extend((c as f32).to_le_bytes());
-            }
+        if is_double {
+            batch.extend([v.x, v.y, v.z].into_iter().flat_map(f64::to_le_bytes));
+        } else {
+            let place = [v.x, v.y, v.z].map(|c| (c as f32).to_le_bytes());
+            batch.extend_from_slice(place.as_flattened());
         }
-        row.extend(numbers.iter().flat_map(|c| c.to_le_bytes()));
-        out.write_all(&row)
+        batch.extend(numbers.iter().flat_map(|c| c.to_le_bytes()));
+        flush(&mut batch, BATCH_BYTES)
     })?;
     rows.each_face(&mut |corners| {
-        row.clear();
-        row.push(corners.len() as u8);
-        row.extend(corners.iter().flat_map(|c| c.to_le_bytes()));
-        out.write_all(&row)
-    })
+        if let [a, b, c] = *corners {
+            let mut row = [3; 13];
+            row[1..].copy_from_slice([a, b, c].map(u32::to_le_bytes).as_flattened());
+            batch.extend_from_slice(&row);
+        } else {
+            batch.push(corners.len() as u8);
+            batch.extend(corners.iter().flat_map(|c| c.to_le_bytes()));
+        }
+        flush(&mut batch, BATCH_BYTES)
+    })?;
+    flush(&mut batch, 0)
 }
+
+/// Bytes that are written at once.
+const BATCH_BYTES: usize = 1 << 17;

@@ -189,19 +189,27 @@ fn facet([a, b, c]: [Vec3; 3]) -> [u8; TRIANGLE as usize] {
         .try_normalize(0.0)
         .unwrap_or_default();
     let mut bytes = [0u8; TRIANGLE as usize];
-    for (i, x) in [n, a, b, c].iter().flatten().enumerate() {
-        bytes[4 * i..4 * i + 4].copy_from_slice(&(*x as f32).to_le_bytes());
+    let places = bytes.as_chunks_mut().0;
+    for (v, places) in [n, a, b, c].iter().zip(places.as_chunks_mut::<3>().0) {
+        *places = [v.x, v.y, v.z].map(|c| (c as f32).to_le_bytes());
     }
     bytes
 }
 
 /// Writes binary STL.
 pub(super) fn write(out: &mut dyn Write, mesh: &MeshView, unit: LengthUnit) -> io::Result<()> {
+    /// Triangles that are written at once.
+    const BATCH: usize = 1 << 11;
     out.write_all(&head(mesh.faces.len() as u32, unit))?;
+    let mut batch = Vec::with_capacity(BATCH * TRIANGLE as usize);
     for corners in mesh.triangle_corners() {
-        out.write_all(&facet(corners))?;
+        batch.extend_from_slice(&facet(corners));
+        if batch.len() == batch.capacity() {
+            out.write_all(&batch)?;
+            batch.clear();
+        }
     }
-    Ok(())
+    out.write_all(&batch)
 }
 
 /// Binary STL whose triangles come bit by bit; it appears whole or not at all.

@@ -1,5 +1,6 @@
 //! Files that a run reads: their frame, their hash, their box, and what looks wrong with them.
 
+use super::RunOptions;
 use super::crystals::Crystal;
 use super::error::{RunError, show};
 use super::report::{Input, Warning};
@@ -7,7 +8,7 @@ use crate::frame::{Aabb, LengthUnit, Vec3};
 use crate::io::{Place, ReadError};
 use crate::mesh::{HopelessMesh, MeshSolid, RepairKind, TriMesh};
 use crate::recipe::{CrystalFrame, FileFrame, Recipe, SurfaceRef, Up};
-use crate::vdb::isolate::Program;
+use crate::vdb::isolate::{Opened, Program};
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
@@ -21,19 +22,22 @@ pub(super) struct Inputs<'a> {
     pub warnings: Vec<Warning>,
     /// The child process that reads OpenVDB files, if one is to.
     pub reader: Option<&'a Program>,
+    /// A grid that has been read already, if there is one.
+    pub opened: Option<&'a Opened>,
     paths: Vec<PathBuf>,
     strict: bool,
 }
 
 impl<'a> Inputs<'a> {
-    pub fn new(recipe: &'a Recipe, strict: bool, reader: Option<&'a Program>) -> Self {
+    pub fn new(recipe: &'a Recipe, options: &'a RunOptions) -> Self {
         Self {
             recipe,
             files: Vec::new(),
             warnings: Vec::new(),
-            reader,
+            reader: options.isolated.as_ref(),
+            opened: options.opened.as_ref(),
             paths: recipe.source().path.iter().cloned().collect(),
-            strict,
+            strict: options.strict,
         }
     }
 

@@ -55,7 +55,7 @@ impl<'a> Stock<'a> {
     ) -> Result<Self, RunError> {
         let mut stock = Self {
             recipe,
-            inputs: Inputs::new(recipe, options.strict, options.isolated.as_ref()),
+            inputs: Inputs::new(recipe, options),
             volumes: Volumes::default(),
             solids: BTreeMap::new(),
             singles: BTreeMap::new(),

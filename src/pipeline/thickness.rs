@@ -10,10 +10,11 @@
 //! depends on the regions or on the order of points: which of them count is told by their voxels, of
 //! points that are equally near the same one is taken, and every point knows the whole normal.
 
+use super::bins::Bins;
 use super::error::RunError;
 use super::operate::Bench;
 use super::sites::{Site, Sites};
-use super::wall::{Ball, Sampled, SurfacePoint, Wall, ball_at, points};
+use super::wall::{BIN_EDGES, Ball, Sampled, SurfacePoint, Wall, ball_at};
 use crate::band::Region;
 use crate::frame::{Coord, Vec3};
 use crate::mesh::TriMesh;
@@ -113,7 +114,11 @@ impl Surface for Whole<'_> {
     }
 
     fn around(&self, _: Region, _: i32, level: u32) -> Result<Vec<SurfacePoint>, RunError> {
-        let all = points(self.mesh, &self.outward);
+        let all = self.mesh.vertices().par_iter().zip(&self.outward);
+        let all = all.with_min_len(1 << 12).map(|(&place, &outward)| Site {
+            place,
+            tag: -outward,
+        });
         if level == 0 {
             // Unfiltered they take no more room than they need.
             return Ok(all.collect());
@@ -188,9 +193,10 @@ fn walls(
     let h = lattice.voxel_size;
     let mut found = Vec::new();
     let mut wider: Vec<SurfacePoint> = Vec::new();
-    let mut look = |points: Vec<SurfacePoint>, places: &[SurfacePoint], radii: [f64; 2]| {
+    let mut look = |points, places: &[SurfacePoint], edge: f64, radii: [f64; 2]| {
         let mut wider = Vec::new();
-        for (place, ball) in places.iter().zip(balls(bench, points, places, radii)?) {
+        let balls = balls(bench, (points, edge), places, radii)?;
+        for (place, ball) in places.iter().zip(balls) {
             match ball {
                 Ball::Inscribed(wall) => found.push((place.place, wall)),
                 Ball::Wider => wider.push(*place),
@@ -207,8 +213,10 @@ fn walls(
             let voxel = lattice.voxel(p.place);
             region.meets(voxel, 1) && rank(voxel) <= u64::MAX / each
         };
-        let places: Vec<SurfacePoint> = points.iter().filter(is_place).copied().collect();
-        wider.extend(look(points, &places, [h, h * f64::from(WIDEST)])?);
+        let places = || points.par_iter().with_min_len(1 << 12).filter(is_place);
+        let places: Vec<SurfacePoint> = bench.threads.install(|| places().copied().collect());
+        let radii = [h, h * f64::from(WIDEST)];
+        wider.extend(look(points, &places, BIN_EDGES * h, radii)?);
         bench.progress.advance(1);
     }
     let mut level = 0;
@@ -225,17 +233,20 @@ fn walls(
         let radius = h * f64::from(WIDEST << level);
         for (region, places) in regions.into_values() {
             let points = surface.around(region, HALO << level, level)?;
-            wider.extend(look(points, &places, [radius; 2])?);
+            // Of points ever farther apart.
+            let edge = BIN_EDGES * h * f64::from(1 << level);
+            wider.extend(look(points, &places, edge, [radius; 2])?);
             bench.progress.advance(1);
         }
     }
     Ok(found)
 }
 
-/// The balls at places, with radii from the first to the second, among the points of a surface.
+/// The balls at places, with radii from the first to the second, among the points of a surface, which are
+/// looked up in cubes of an edge.
 fn balls(
     bench: Bench,
-    points: Vec<SurfacePoint>,
+    (points, edge): (Vec<SurfacePoint>, f64),
     places: &[SurfacePoint],
     radii: [f64; 2],
 ) -> Result<Vec<Ball>, RunError> {
@@ -243,13 +254,13 @@ fn balls(
         return Ok(Vec::new());
     }
     let all = || {
-        let tree = Sites::new(points);
+        let near = Bins::new(points, edge);
         let places = places.par_iter().with_min_len(64);
         let balls = places.map(|place| {
             if bench.progress.cancelled() {
                 return Err(Cancelled);
             }
-            Ok(ball_at(*place, &tree, radii))
+            Ok(ball_at(*place, &near, radii))
         });
         balls.collect::<Result<_, _>>()
     };

@@ -49,7 +49,12 @@ impl Volumes {
             };
             let path = recipe.resolve(&grid.path);
             let stage = format!("{key}.{}.vdb", op.name());
-            let volume = fetch(inputs.reader, &path, grid.grid.as_deref())?;
+            let name = grid.grid.as_deref();
+            let opened = inputs.opened.and_then(|o| o.take(&path, name));
+            let volume = match opened {
+                Some(volume) => volume,
+                None => fetch(inputs.reader, &path, name)?,
+            };
             let unit = unit_of(&volume, grid.unit.map(|u| u.0));
             let solid =
                 level_set(recipe, grid, volume, &path, session).map_err(|e| e.at(&stage))?;
@@ -131,7 +136,7 @@ impl FieldGrid {
         let origin = map(Vec3::zeros());
         let outward =
             Mat3::from_columns(&[Vec3::x(), Vec3::y(), Vec3::z()].map(|e| map(e) - origin));
-        let info = volume.info().map_err(RunError::level_set(name))?;
+        let info = volume.info();
         let [low, high] = info.bbox.unwrap_or_default();
         let corner = |v: [i32; 3]| {
             let at = Vec3::from(v.map(f64::from)).component_mul(&Vec3::from(info.voxel_size));
@@ -201,7 +206,7 @@ fn level_set(
     session: Session<'_>,
 ) -> Result<LevelSet, Unfit> {
     let half_width = recipe.sections().band.half_width.0;
-    let class = volume.info().map_err(Unfit::Tool)?.class;
+    let class = volume.info().class.clone();
     let value = match (grid.value, class.as_str()) {
         (Some(value), _) => value.0,
         (None, "fog volume") => FOG,

@@ -11,7 +11,8 @@
 //! large visits most of the part. The ball counts if it is inscribed, that is if no other part of the
 //! surface reaches into it; in convex edges one does, and they say nothing about walls.
 
-use super::sites::{Site, Sites};
+use super::bins::Bins;
+use super::sites::Site;
 use crate::frame::Vec3;
 use crate::mesh::TriMesh;
 use crate::progress::{Cancelled, Progress};
@@ -23,6 +24,8 @@ const STEPS: usize = 40;
 const OPPOSITE: f64 = 0.766;
 /// Cosine of that angle: of the normals at two opposite contacts.
 const TURNED: f64 = -0.174;
+/// Edge of the cubes in which points of a surface are looked up, over the distance between them.
+pub(super) const BIN_EDGES: f64 = 8.0;
 /// A ball is inscribed if the surface reaches no deeper into it than this share of its radius.
 const DEPTH: f64 = 0.1;
 
@@ -94,8 +97,8 @@ fn balls(
 ) -> Result<Vec<Ball>, Cancelled> {
     let outward = mesh.vertex_normals_by_area();
     let points: Vec<SurfacePoint> = points(mesh, &outward).collect();
-    let tree = Sites::new(points.clone());
     let first = (mesh.area() / mesh.triangles().len().max(1) as f64).sqrt();
+    let near = Bins::new(points.clone(), BIN_EDGES * first);
     progress.stage("walls", Some(samples.len() as u64));
     samples
         .par_iter()
@@ -105,7 +108,7 @@ fn balls(
                 return Err(Cancelled);
             }
             progress.advance(1);
-            Ok(ball_at(points[s as usize], &tree, [first, widest]))
+            Ok(ball_at(points[s as usize], &near, [first, widest]))
         })
         .collect()
 }
@@ -148,7 +151,7 @@ pub(super) fn ball_at(
         place: p,
         tag: inward,
     }: SurfacePoint,
-    tree: &Sites<Vec3>,
+    near: &Bins<Vec3>,
     [first, widest]: [f64; 2],
 ) -> Ball {
     if inward == Vec3::zeros() {
@@ -162,7 +165,7 @@ pub(super) fn ball_at(
                 && q.tag.dot(&inward) <= TURNED
         };
         let centre = p + inward * radius;
-        let q = tree.nearest_within(centre, radius * (1.0 - 5e-3), opposite)?;
+        let q = near.nearest_within(centre, radius * (1.0 - 5e-3), opposite)?;
         let d = q.place - p;
         Some(d.norm_squared() / (2.0 * d.dot(&inward)))
     };
@@ -182,7 +185,7 @@ pub(super) fn ball_at(
     }
     let place = p + inward * radius;
     let reach = radius * (1.0 - DEPTH);
-    if tree.nearest_within(place, reach, |_| true).is_some() {
+    if near.nearest_within(place, reach, |_| true).is_some() {
         return Ball::Pierced;
     }
     Ball::Inscribed(Wall {

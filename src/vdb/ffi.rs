@@ -173,6 +173,7 @@ mod bridge {
             active: bool,
         ) -> Result<()>;
         fn grid_facts(grid: &Grid) -> Result<GridFacts>;
+        fn grid_active_voxels(grid: &Grid) -> Result<u64>;
         /// An empty block at a multiple of 128.
         fn block_new(x: i32, y: i32, z: i32, background: f32) -> Result<UniquePtr<Block>>;
         /// 3 coordinates, 8 mask words and 512 values a leaf.
@@ -411,10 +412,12 @@ mod bridge {
         fn stream_close(stream: Pin<&mut Stream>) -> Result<i32>;
 
         /// Six numbers a sample: depth along the ray (infinite: missed), unit normal, 1 on the cut
-        /// and 0 on the surface, 1 in the light and 0 in shadow.
+        /// and 0 on the surface, 1 in the light and 0 in shadow. Of all samples, row by row, or of those
+        /// whose numbers are given.
         fn grid_trace(
             grid: &Grid,
             camera: &Camera,
+            wanted: &[u32],
             hits: &mut [f32],
             host: &Host<'_>,
         ) -> Result<()>;

@@ -150,7 +150,7 @@ pub fn info(path: &Path) -> Result<FileInfo, FileError> {
             .len(),
         metadata: metadata.into_iter().map(|m| (m.key, m.value)).collect(),
         grids,
-        content_hash: hash.map(|h| h.finish()),
+        content_hash: hash.map(ContentHash::finish),
     })
 }
 
@@ -240,61 +240,94 @@ fn open(path: &Path) -> Result<UniquePtr<ffi::FileIn>, FileError> {
 pub(super) fn adopt(
     path: &Path,
     name: &str,
-    mut grid: UniquePtr<ffi::Grid>,
+    grid: UniquePtr<ffi::Grid>,
     session: Session<'_>,
 ) -> Result<LevelSet, FileError> {
     let damaged = |e: cxx::Exception| FileError::damaged(path, &e);
-    let facts = ffi::grid_facts(&grid).map_err(damaged)?;
+    let info = GridInfo::from_facts(ffi::grid_facts(&grid).map_err(damaged)?);
+    if info.grid_type == FLOATS {
+        all_finite(&grid)
+            .map_err(damaged)?
+            .map_err(|found| FileError::NotALevelSet {
+                path: path.to_owned(),
+                grid: name.to_owned(),
+                found,
+                expected: "finite numbers",
+            })?;
+    }
+    adopt_finite(path, name, grid, &info, session)
+}
+
+/// Takes a grid over whose values are known to be finite.
+pub(super) fn adopt_finite(
+    path: &Path,
+    name: &str,
+    mut grid: UniquePtr<ffi::Grid>,
+    info: &GridInfo,
+    session: Session<'_>,
+) -> Result<LevelSet, FileError> {
     let refuse = |found: String, expected| FileError::NotALevelSet {
         path: path.to_owned(),
         grid: name.to_owned(),
         found,
         expected,
     };
-    if facts.grid_type != FLOATS {
-        return Err(refuse(format!("the type {}", facts.grid_type), FLOATS));
+    if info.grid_type != FLOATS {
+        return Err(refuse(format!("the type {}", info.grid_type), FLOATS));
     }
-    if facts.class_name != "level set" {
+    if info.class != "level set" {
         return Err(refuse(
-            format!("the class {}", facts.class_name),
+            format!("the class {}", info.class),
             "the class level set",
         ));
     }
-    let transform = Transform::new(facts.voxel_size[0]).filter(|_| facts.plain_transform);
+    let transform = Transform::new(info.voxel_size[0]).filter(|_| info.cubic);
     let Some(transform) = transform else {
         return Err(refuse(
-            format!("voxels of {:?} or a rotation", facts.voxel_size),
+            format!("voxels of {:?} or a rotation", info.voxel_size),
             "cubic voxels along the axes",
         ));
     };
-    let half_width = facts.background / transform.voxel_size();
-    if !(half_width.is_finite() && half_width >= 1.0 && (facts.background as f32).is_normal()) {
+    let background = info.background.unwrap_or(f64::NAN);
+    let half_width = background / transform.voxel_size();
+    if !(half_width.is_finite() && half_width >= 1.0 && (background as f32).is_normal()) {
         return Err(refuse(
-            format!("the background {}", facts.background),
+            format!("the background {background}"),
             "at least one voxel",
         ));
     }
-    if facts.active_tiles > 0 {
+    if info.active_tiles > 0 {
         return Err(refuse(
-            format!("{} active tiles", facts.active_tiles),
+            format!("{} active tiles", info.active_tiles),
             "a narrow band, active in leaves only",
         ));
     }
-    let leaves = Leaves::of_grid(&grid).map_err(damaged)?;
-    for leaf in leaves.iter() {
-        if let Some(n) = leaf.values.iter().position(|v| !v.is_finite()) {
-            let found = format!("{} at voxel {:?}", leaf.values[n], leaf.voxel(n).0);
-            return Err(refuse(found, "finite numbers"));
-        }
-    }
-    drop(leaves);
-    ffi::grid_flood_fill(grid.pin_mut(), &session.host()).map_err(damaged)?;
+    ffi::grid_flood_fill(grid.pin_mut(), &session.host())
+        .map_err(|e| FileError::damaged(path, &e))?;
     Ok(LevelSet {
         grid,
         transform,
-        origin: Vec3::from(facts.origin),
+        origin: Vec3::from(info.origin),
         half_width,
     })
+}
+
+/// Whether all values of a grid of floats are finite, else the first that is not and its voxel.
+pub(super) fn all_finite(grid: &ffi::Grid) -> Result<Result<(), String>, cxx::Exception> {
+    const EXPONENT: u32 = 0x7f80_0000;
+    let leaves = Leaves::of_grid(grid)?;
+    for leaf in leaves.iter() {
+        // Without a way out of the loop it takes many values at once.
+        let any = leaf
+            .values
+            .iter()
+            .fold(false, |any, v| any | (v.to_bits() & EXPONENT == EXPONENT));
+        if any && let Some(n) = leaf.values.iter().position(|v| !v.is_finite()) {
+            let found = format!("{} at voxel {:?}", leaf.values[n], leaf.voxel(n).0);
+            return Ok(Err(found));
+        }
+    }
+    Ok(Ok(()))
 }
 
 impl LevelSet {

@@ -12,7 +12,14 @@ use super::{LevelSet, VdbError, ffi};
 
 /// Hash of several grids; add them in order of name.
 #[derive(Default)]
-pub(super) struct ContentHash(blake3::Hasher);
+pub(super) struct ContentHash {
+    hasher: blake3::Hasher,
+    /// Bytes that wait: BLAKE3 hashes 16 chunks of 1 KiB at once where it is given that many.
+    waiting: Vec<u8>,
+}
+
+/// Bytes that are hashed at once.
+const BATCH_BYTES: usize = 1 << 17;
 
 /// What a grid says before its leaves.
 pub(super) struct GridHead<'a> {
@@ -43,24 +50,40 @@ impl<'a> GridHead<'a> {
 
 impl ContentHash {
     /// 64 hexadecimal digits.
-    pub fn finish(&self) -> String {
-        self.0.finalize().to_hex().to_string()
+    pub fn finish(mut self) -> String {
+        self.hasher.update(&self.waiting);
+        self.waiting.clear();
+        self.hasher.finalize().to_hex().to_string()
+    }
+
+    /// Adds bytes.
+    fn put(&mut self, bytes: &[u8]) {
+        self.waiting.extend_from_slice(bytes);
+        self.flush_full();
+    }
+
+    /// Hashes what waits once it is enough.
+    fn flush_full(&mut self) {
+        if self.waiting.len() >= BATCH_BYTES {
+            self.hasher.update(&self.waiting);
+            self.waiting.clear();
+        }
     }
 
     /// Begins a grid; its leaves with an active voxel follow in order of origin, then its tiles.
     pub fn begin(&mut self, head: &GridHead<'_>) {
         for text in [head.name, head.grid_type, head.class_name] {
-            self.0.update(&(text.len() as u32).to_le_bytes());
-            self.0.update(text.as_bytes());
+            self.put(&(text.len() as u32).to_le_bytes());
+            self.put(text.as_bytes());
         }
-        self.0.update(&head.voxel_size.to_le_bytes());
+        self.put(&head.voxel_size.to_le_bytes());
         let background = if head.half {
             f64::from(as_half(head.background as f32))
         } else {
             head.background
         };
-        self.0.update(&background.to_le_bytes());
-        self.0.update(&head.leaves.to_le_bytes());
+        self.put(&background.to_le_bytes());
+        self.put(&head.leaves.to_le_bytes());
     }
 
     /// Adds a leaf: its active numbers in order of offset.
@@ -71,19 +94,40 @@ impl ContentHash {
         half: bool,
         active: impl Iterator<Item = f32>,
     ) {
-        let mut bytes = Vec::with_capacity(12 + 64 + 2048);
+        let bytes = &mut self.waiting;
         bytes.extend(origin.iter().flat_map(|c| c.to_le_bytes()));
         bytes.extend(mask.iter().flat_map(|w| w.to_le_bytes()));
         for v in active {
             let v = if half { as_half(v) } else { v };
             bytes.extend_from_slice(&positive_zero(v).to_le_bytes());
         }
-        self.0.update(&bytes);
+        self.flush_full();
+    }
+
+    /// Adds a leaf of single floats.
+    fn leaf_of_floats(&mut self, head: &ffi::LeafHead, values: &[f32], half: bool) {
+        let bytes = &mut self.waiting;
+        bytes.extend(head.origin.iter().flat_map(|c| c.to_le_bytes()));
+        bytes.extend(head.mask.iter().flat_map(|w| w.to_le_bytes()));
+        for (&word, row) in head.mask.iter().zip(values.chunks_exact(64)) {
+            let mut rest = word;
+            let mut active = [0; 64 * 4];
+            let mut len = 0;
+            while rest != 0 {
+                let v = row[rest.trailing_zeros() as usize];
+                let v = if half { as_half(v) } else { v };
+                active[len..len + 4].copy_from_slice(&positive_zero(v).to_le_bytes());
+                len += 4;
+                rest &= rest - 1;
+            }
+            bytes.extend_from_slice(&active[..len]);
+        }
+        self.flush_full();
     }
 
     /// Says how many active tiles follow and end the grid, in order of origin.
     pub fn begin_tiles(&mut self, count: u64) {
-        self.0.update(&count.to_le_bytes());
+        self.put(&count.to_le_bytes());
     }
 
     /// Adds an active tile.
@@ -95,7 +139,7 @@ impl ContentHash {
         for (place, word) in bytes.chunks_exact_mut(4).zip(words) {
             place.copy_from_slice(&word);
         }
-        self.0.update(&bytes);
+        self.put(&bytes);
     }
 
     /// Adds a grid of floats or vectors under a name.
@@ -113,7 +157,11 @@ impl ContentHash {
             if !any(&head.mask) {
                 continue;
             }
-            // Numbers a voxel: 1, or 3 of vectors.
+            if values.len() == 512 {
+                self.leaf_of_floats(&head, values, facts.half);
+                continue;
+            }
+            // Numbers a voxel: 3 of vectors.
             let width = (values.len() / 512).max(1);
             let voxels = values.chunks_exact(width).enumerate();
             let active = voxels.filter(|(v, _)| head.mask[v >> 6] >> (v & 63) & 1 == 1);

@@ -4,6 +4,7 @@ use super::leaves::{LeafView, Leaves, TileView, tiles_of};
 use super::{LevelSet, VdbError};
 use crate::frame::Coord;
 use std::collections::HashMap;
+use std::hash::{BuildHasherDefault, Hasher};
 
 /// What holds a voxel.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -19,12 +20,44 @@ pub(super) enum Holder {
 /// Edges of tiles, smallest first.
 const EDGES: [i32; 3] = [8, 128, 4096];
 
+/// Hashes origins of nodes with one multiplication a number; `SipHash` takes longer than the look-up itself.
+#[derive(Default)]
+struct CoordHasher(u64);
+
+impl CoordHasher {
+    fn mix(&mut self, number: u64) {
+        self.0 = (self.0.rotate_left(5) ^ number).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+    }
+}
+
+impl Hasher for CoordHasher {
+    fn finish(&self) -> u64 {
+        // The table takes the lowest bits, which a product has from the lowest bits alone.
+        self.0 ^ self.0 >> 32
+    }
+
+    fn write(&mut self, bytes: &[u8]) {
+        for number in bytes.chunks(4) {
+            let mut word = [0; 4];
+            word[..number.len()].copy_from_slice(number);
+            self.mix(u32::from_le_bytes(word).into());
+        }
+    }
+
+    fn write_usize(&mut self, number: usize) {
+        self.mix(number as u64);
+    }
+}
+
+/// Numbers of nodes by their origins.
+type ByOrigin = HashMap<Coord, usize, BuildHasherDefault<CoordHasher>>;
+
 /// Leaves in order of origin, with a table of places.
 pub(super) struct LeafIndex<'a> {
     pub leaves: Vec<LeafView<'a>>,
     pub tiles: Vec<TileView>,
-    leaf_at: HashMap<Coord, usize>,
-    tile_at: HashMap<Coord, usize>,
+    leaf_at: ByOrigin,
+    tile_at: ByOrigin,
     background: f32,
 }
 
@@ -67,6 +100,29 @@ impl<'a> LeafIndex<'a> {
             }
         }
         Holder::Nothing
+    }
+
+    /// What lies beside a leaf, across each of its faces.
+    pub fn beside(&self, leaf: usize) -> [Holder; 6] {
+        let origin = self.leaves[leaf].origin;
+        FACES.map(|s| self.holder(origin.offset(8 * s[0], 8 * s[1], 8 * s[2])))
+    }
+
+    /// Value of the neighbour of a voxel of a leaf across a face; `beside` is of that leaf.
+    pub fn neighbour(&self, leaf: usize, beside: &[Holder; 6], n: usize, face: usize) -> f32 {
+        let (shift, ahead) = ([6, 3, 0][face / 2], face % 2 == 1);
+        let step = 1 << shift;
+        let at = match (ahead, n >> shift & 7) {
+            (true, 7) => n - 7 * step,
+            (false, 0) => n + 7 * step,
+            (true, _) => return self.leaves[leaf].values[n + step],
+            (false, _) => return self.leaves[leaf].values[n - step],
+        };
+        match beside[face] {
+            Holder::Leaf(other) => self.leaves[other].values[at],
+            Holder::Tile(tile) => self.tiles[tile].value,
+            Holder::Nothing => self.background,
+        }
     }
 
     /// Value of a voxel and whether it is active.

@@ -13,10 +13,12 @@ use super::{FileError, FileInfo, Volume, info};
 use rustix::process::{Resource, Rlimit, setrlimit};
 use serde::{Deserialize, Serialize};
 use std::ffi::OsString;
+use std::fmt;
 use std::io::{Read, Write};
 use std::os::unix::process::ExitStatusExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdout, Command, ExitStatus, Stdio};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 /// What the child may use.
@@ -114,6 +116,41 @@ impl Program {
         attend(child, path, limits, |pipe| {
             transfer::receive(path, pipe, limits)
         })
+    }
+}
+
+/// A grid that a child has handed over before a run asks for it.
+#[derive(Clone)]
+pub struct Opened {
+    path: PathBuf,
+    name: Option<String>,
+    /// Taken once; whoever asks again reads the file again.
+    volume: Arc<Mutex<Option<Volume>>>,
+}
+
+impl Opened {
+    /// The grid of a file that a name, or none, stands for.
+    pub fn new(path: &Path, name: Option<&str>, volume: Volume) -> Self {
+        Self {
+            path: path.to_owned(),
+            name: name.map(str::to_owned),
+            volume: Arc::new(Mutex::new(Some(volume))),
+        }
+    }
+
+    /// Gives it away, if it is that of a path and a name.
+    pub fn take(&self, path: &Path, name: Option<&str>) -> Option<Volume> {
+        if path != self.path || name != self.name.as_deref() {
+            return None;
+        }
+        let mut volume = self.volume.lock().unwrap_or_else(PoisonError::into_inner);
+        volume.take()
+    }
+}
+
+impl fmt::Debug for Opened {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "Opened({}, {:?})", self.path.display(), self.name)
     }
 }
 

@@ -3,9 +3,11 @@
 use super::camera::View;
 use super::paint::Paint;
 use super::render::{Image, Picture};
+use super::samples::Samples;
 use crate::frame::Vec3;
 use crate::progress::{Cancelled, Progress};
 use rayon::prelude::*;
+use std::sync::LazyLock;
 
 /// Rays along each edge of a pixel.
 pub(super) const FINE: usize = 2;
@@ -23,25 +25,20 @@ pub(super) struct Hit {
     pub lit: bool,
 }
 
-/// How open each sample is to the sky around it: 1 free, 0 buried. Looks at the positions that
-/// samples within `reach` (world units; `radius` samples at the centre) saw. One sample of each pixel
+/// How open each sample is to the sky around it: 1 free, 0 buried. Looks at the positions that the first
+/// samples of pixels within `reach` (world units; `radius` pixels at the centre) saw. One sample of each pixel
 /// looks, and those that see something else than it.
 pub(super) fn openness(
-    hits: &[Option<Hit>],
-    columns: usize,
+    samples: &Samples,
     reach: f64,
     radius: f64,
     progress: &dyn Progress,
 ) -> Result<Vec<f32>, Cancelled> {
-    let (width, height) = (columns / FINE, hits.len() / columns / FINE);
-    let look = |i: usize, j: usize| {
-        Surroundings {
-            hits,
-            columns,
-            reach: reach as f32,
-            radius: radius as f32,
-        }
-        .openness(i, j)
+    let [width, height] = samples.size();
+    let around = &Surroundings {
+        samples,
+        reach: reach as f32,
+        radius: radius as f32,
     };
     let mut raw = vec![1f32; width * height];
     raw.par_chunks_mut(width)
@@ -51,79 +48,94 @@ pub(super) fn openness(
                 return Err(Cancelled);
             }
             for (i, out) in row.iter_mut().enumerate() {
-                *out = look(i * FINE, j * FINE);
+                if let Some(hit) = samples.pixel(i, j) {
+                    *out = around.openness(hit, i, j);
+                }
             }
             Ok(())
         })?;
-    let first = |i: usize, j: usize| hits[j * FINE * columns + i * FINE];
     // Mean over 4 x 4 pixels of the same surface takes the turned spirals away.
-    let smooth: Vec<f32> = (0..raw.len())
-        .into_par_iter()
-        .map(|n| {
-            let (i, j) = (n % width, n / width);
-            let Some(hit) = first(i, j) else { return 1.0 };
-            let (mut sum, mut count) = (0.0, 0.0);
-            for y in j.saturating_sub(1)..(j + 3).min(height) {
-                for x in i.saturating_sub(1)..(i + 3).min(width) {
-                    if first(x, y).is_some_and(|o| hit.normal.dot(&o.normal) > 0.8) {
-                        sum += raw[y * width + x];
-                        count += 1.0;
-                    }
+    let smoothed = |n: usize| {
+        let (i, j) = (n % width, n / width);
+        let Some(hit) = samples.pixel(i, j) else {
+            return 1.0;
+        };
+        let (mut sum, mut count) = (0.0, 0.0);
+        for y in j.saturating_sub(1)..(j + 3).min(height) {
+            for x in i.saturating_sub(1)..(i + 3).min(width) {
+                if samples.pixel(x, y).is_some_and(|o| is_same(hit, o)) {
+                    sum += raw[y * width + x];
+                    count += 1.0;
                 }
             }
-            sum / f32::max(count, 1.0)
-        })
-        .collect();
-    let fine = (0..hits.len()).into_par_iter().map(|n| {
-        let Some(hit) = &hits[n] else { return 1.0 };
-        let (i, j) = (n % columns, n / columns);
-        match first(i / FINE, j / FINE) {
-            Some(o) if hit.normal.dot(&o.normal) > 0.8 => smooth[j / FINE * width + i / FINE],
-            _ => look(i, j),
         }
+        sum / f32::max(count, 1.0)
+    };
+    let numbers = (0..width * height).into_par_iter().with_min_len(1 << 12);
+    let mut open: Vec<f32> = numbers.map(smoothed).collect();
+    let divided: Vec<usize> = samples.divided().collect();
+    let others = divided.par_iter().with_min_len(1 << 8).flat_map_iter(|&n| {
+        let first = (samples.hits()[n].as_ref(), open[n]);
+        samples.of_pixel(n).skip(1).map(move |other| {
+            let Some(hit) = &samples.hits()[other] else {
+                return 1.0;
+            };
+            match first {
+                (Some(own), open) if is_same(hit, own) => open,
+                _ => around.openness(hit, n % width, n / width),
+            }
+        })
     });
-    Ok(fine.collect())
+    let others: Vec<f32> = others.collect();
+    open.extend(others);
+    Ok(open)
+}
+
+/// Whether two samples look the same way.
+fn is_same(one: &Hit, other: &Hit) -> bool {
+    one.normal.dot(&other.normal) > 0.8
 }
 
 /// What a sample sees around itself.
 struct Surroundings<'a> {
-    hits: &'a [Option<Hit>],
-    columns: usize,
+    samples: &'a Samples,
     /// World units.
     reach: f32,
-    /// Samples.
+    /// Pixels.
     radius: f32,
 }
 
 impl Surroundings<'_> {
-    fn openness(&self, i: usize, j: usize) -> f32 {
+    /// Of a sample in a pixel.
+    fn openness(&self, hit: &Hit, i: usize, j: usize) -> f32 {
         const TAPS: usize = 16;
-        let Some(hit) = &self.hits[j * self.columns + i] else {
-            return 1.0;
-        };
-        let rows = self.hits.len() / self.columns;
+        let [width, height] = self.samples.size();
         // A spiral, turned differently in each of 4 x 4 pixels.
-        let turn = ((5 * (i / FINE % 4) + 11 * (j / FINE % 4)) % 16) as f32 / 16.0;
+        let turn = ((5 * (i % 4) + 11 * (j % 4)) % 16) as f32 / 16.0;
         let (mut sin, mut cos) = (turn * 2.4).sin_cos();
         // The golden angle.
         let (turn_sin, turn_cos) = (0.675_490_3, -0.737_368_9);
+        let farthest = (1.5 * self.reach).powi(2);
         let mut shade = 0.0;
         for tap in 0..TAPS {
             let r = self.radius * (tap as f32 + 0.5 + turn) / (TAPS as f32 + 1.0);
-            let x = i as f32 + r * cos;
-            let y = j as f32 + r * sin;
+            let x = i as f32 + 0.5 + r * cos;
+            let y = j as f32 + 0.5 + r * sin;
             (cos, sin) = (
                 cos * turn_cos - sin * turn_sin,
                 cos * turn_sin + sin * turn_cos,
             );
-            if x < 0.0 || y < 0.0 || x >= self.columns as f32 || y >= rows as f32 {
+            if x < 0.0 || y < 0.0 || x >= width as f32 || y >= height as f32 {
                 continue;
             }
-            if let Some(other) = &self.hits[y as usize * self.columns + x as usize] {
+            if let Some(other) = self.samples.pixel(x as usize, y as usize) {
                 let to = other.position - hit.position;
-                let length = to.norm().max(1e-6 * self.reach);
-                let near = (1.0 - (length / (1.5 * self.reach)).powi(2)).max(0.0);
-                shade += (hit.normal.dot(&to) / length - 0.08).max(0.0) * near;
+                let (square, rise) = (to.norm_squared(), hit.normal.dot(&to));
+                if rise > 0.0 && square < farthest {
+                    let near = 1.0 - square / farthest;
+                    let length = square.sqrt().max(1e-6 * self.reach);
+                    shade += (rise / length - 0.08).max(0.0) * near;
+                }
             }
         }
         (1.0 - 1.9 * shade / TAPS as f32).clamp(0.0, 1.0)
@@ -135,6 +147,8 @@ pub(super) struct Lights {
     key: Short,
     fill: Short,
     forward: Short,
+    /// Where a surface looks that mirrors the key light into the eye.
+    half: Short,
     /// Depth of the nearest and farthest sample.
     depths: [f32; 2],
     open: Vec<f32>,
@@ -147,6 +161,7 @@ impl Lights {
             key: Short::z(),
             fill: Short::z(),
             forward: Short::z(),
+            half: Short::z(),
             depths: [0.0, 1.0],
             open: Vec::new(),
             paint: Paint::default(),
@@ -169,6 +184,7 @@ impl Lights {
             key: key.cast(),
             fill: fill.cast(),
             forward,
+            half: (key.cast::<f32>() - forward).normalize(),
             depths,
             open,
             paint: Paint::default(),
@@ -186,8 +202,7 @@ impl Lights {
         let lit = hit.normal.dot(&self.key).max(0.0) * shadow;
         let fill = hit.normal.dot(&self.fill).max(0.0);
         let sky = 0.5 + 0.5 * hit.normal.z;
-        let half = (self.key - self.forward).normalize();
-        let gloss = 0.12 * hit.normal.dot(&half).max(0.0).powi(32) * shadow;
+        let gloss = 0.12 * hit.normal.dot(&self.half).max(0.0).powi(32) * shadow;
         let span = (self.depths[1] - self.depths[0]).max(f32::MIN_POSITIVE);
         let far = (hit.position.dot(&self.forward) - self.depths[0]) / span;
         let fade = 0.18 * far.clamp(0.0, 1.0);
@@ -205,28 +220,30 @@ impl Lights {
 }
 
 /// Samples to pixels.
-pub(super) fn develop(picture: &Picture, hits: &[Option<Hit>], lights: &Lights) -> Image {
-    let columns = picture.width * FINE;
+pub(super) fn develop(picture: &Picture, samples: &Samples, lights: &Lights) -> Image {
     let mut rgba = vec![0u8; 4 * picture.width * picture.height];
     rgba.par_chunks_exact_mut(4)
+        .with_min_len(1 << 10)
         .enumerate()
         .for_each(|(n, pixel)| {
-            let (i, j) = (n % picture.width * FINE, n / picture.width * FINE);
-            let (mut sum, mut covered) = ([0f32; 3], 0f32);
-            for k in 0..FINE * FINE {
-                let at = (j + k / FINE) * columns + i + k % FINE;
-                if let Some(hit) = &hits[at] {
+            let (mut sum, mut covered, mut all) = ([0f32; 3], 0f32, 0f32);
+            for sample in samples.of_pixel(n) {
+                all += 1.0;
+                if let Some(hit) = &samples.hits()[sample] {
                     covered += 1.0;
-                    let colour = lights.shade(at, hit);
+                    let colour = lights.shade(sample, hit);
                     (0..3).for_each(|c| sum[c] += colour[c].min(1.0));
                 }
             }
-            let all = (FINE * FINE) as f32;
+            if covered == 0.0 {
+                pixel.fill(if picture.transparent { 0 } else { 255 });
+                return;
+            }
             for c in 0..3 {
-                let colour = match (picture.transparent, covered > 0.0) {
-                    (true, true) => sum[c] / covered,
-                    (true, false) => 0.0,
-                    (false, _) => (sum[c] + all - covered) / all,
+                let colour = if picture.transparent {
+                    sum[c] / covered
+                } else {
+                    (sum[c] + all - covered) / all
                 };
                 pixel[c] = to_srgb(colour);
             }
@@ -244,11 +261,22 @@ pub(super) fn develop(picture: &Picture, hits: &[Option<Hit>], lights: &Lights) 
 }
 
 fn to_srgb(linear: f32) -> u8 {
-    let v = linear.clamp(0.0, 1.0);
-    let curve = if v <= 0.003_130_8 {
-        12.92 * v
-    } else {
-        1.055 * v.powf(1.0 / 2.4) - 0.055
-    };
-    (255.0 * curve).round() as u8
+    /// A power takes longer than the rest of a pixel.
+    static TABLE: LazyLock<Vec<u8>> = LazyLock::new(|| {
+        let entries = 0..=STEPS;
+        entries
+            .map(|n| {
+                let v = n as f32 / STEPS as f32;
+                let curve = if v <= 0.003_130_8 {
+                    12.92 * v
+                } else {
+                    1.055 * v.powf(1.0 / 2.4) - 0.055
+                };
+                (255.0 * curve).round() as u8
+            })
+            .collect()
+    });
+    /// A step is less than a twentieth of a level where the curve is steepest.
+    const STEPS: usize = 1 << 16;
+    TABLE[(linear.clamp(0.0, 1.0) * STEPS as f32).round() as usize]
 }

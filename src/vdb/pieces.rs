@@ -52,12 +52,26 @@ pub(super) struct Part {
 impl Part {
     pub fn all_of(leaf: &LeafView<'_>, side: Side) -> Vec<Self> {
         let set = bits::select(leaf.values, |v| (v < 0.0) == (side == Side::Solid));
-        let parts = bits::parts(set).into_iter();
+        let parts = bits::parts(set);
+        let deeper = |d: f32, v: f32| if v > d { v } else { d };
         let depth = |part: &Bits| {
-            let inside = (0..512).filter(|&n| bits::has(part, n));
-            inside.fold(0f32, |d, n| d.max(leaf.values[n].abs()))
+            if *part == set {
+                // All on this side: one pass over the leaf.
+                let sign = if side == Side::Solid { -1.0 } else { 1.0 };
+                return leaf.values.iter().fold(0.0, |d, v| deeper(d, sign * v));
+            }
+            let mut depth = 0.0;
+            for (&word, row) in part.iter().zip(leaf.values.chunks_exact(64)) {
+                let mut rest = word;
+                while rest != 0 {
+                    depth = deeper(depth, row[rest.trailing_zeros() as usize].abs());
+                    rest &= rest - 1;
+                }
+            }
+            depth
         };
         parts
+            .into_iter()
             .map(|bits| Self {
                 depth: depth(&bits),
                 bits,

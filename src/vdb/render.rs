@@ -1,11 +1,13 @@
 //! Pictures: rays by OpenVDB, light here.
 //!
 //! One key light with shadows from the upper left, a fill light, sky and ground, and in crevices
-//! darkening from the depths of neighbouring samples; far parts fade a little. Four rays a pixel.
+//! darkening from the depths of neighbouring samples; far parts fade a little. One ray a pixel, and three
+//! more where it and the pixels beside it see different things.
 
 use super::camera::View;
 use super::light::{FINE, Hit, Lights, Short, develop, openness};
 use super::paint::Paint;
+use super::samples::Samples;
 use super::{LevelSet, Session, VdbError, Volume, ffi};
 use crate::frame::{Aabb, Vec3, WorldPoint};
 use rayon::prelude::*;
@@ -56,8 +58,9 @@ pub(super) const NUMBERS: usize = 6;
 /// Largest picture: larger ones are a slip of the keyboard.
 const MOST_PIXELS: usize = 1 << 26;
 
-/// Six numbers for each sample of a view under a light, as the bridge gives them.
-pub(super) type Trace<'t, E> = dyn FnMut(&View, Vec3) -> Result<Vec<f32>, E> + 't;
+/// Six numbers for each sample of a view under a light, as the bridge gives them: of the samples with some
+/// numbers, or, without any, of all.
+pub(super) type Trace<'t, E> = dyn FnMut(&View, Vec3, &[u32]) -> Result<Vec<f32>, E> + 't;
 
 impl Picture {
     pub(super) fn check(&self) -> Result<(), VdbError> {
@@ -86,18 +89,18 @@ impl Picture {
     }
 
     /// The picture of what lies in a box. `trace` gives six numbers for each sample of a view under a
-    /// light, as the bridge does.
+    /// light, as the bridge does; with `at_once` it is asked for all of a view, whichever are needed.
     pub(super) fn compose<E: From<VdbError> + Send>(
         &self,
         bounds: Aabb,
         grid: Option<&Volume>,
         session: Session<'_>,
+        at_once: bool,
         trace: &mut Trace<'_, E>,
     ) -> Result<(Image, [f32; 2]), E> {
         let (width, height) = (self.width, self.height);
-        let pixels = width * height;
         if bounds.is_empty() {
-            let nothing = vec![None; pixels * FINE * FINE];
+            let nothing = Samples::none(width, height);
             return Ok((develop(self, &nothing, &Lights::none()), [0.0; 2]));
         }
         let (columns, rows) = (width * FINE, height * FINE);
@@ -106,32 +109,47 @@ impl Picture {
         let view = View::fit(bounds, towards, self.perspective, coarse[0], coarse[1]);
         let key = (view.up * 0.8 - view.right * 0.7 - view.forward * 0.55).normalize();
         // Once coarsely, to see what part of the frame is filled.
-        let (low, high) = covered(&trace(&view, key)?, coarse[0]);
+        let (low, high) = covered(&trace(&view, key, &[])?, coarse[0]);
         let view = view.cropped(low, high, columns, rows);
-        let numbers = trace(&view, key)?;
-        session.threads.install(|| {
-            let hits: Vec<Option<Hit>> = numbers
-                .par_chunks_exact(NUMBERS)
-                .enumerate()
-                .map(|(n, s)| {
-                    s[0].is_finite().then(|| Hit {
-                        position: view.position(n % columns, n / columns, s[0].into()).cast(),
-                        normal: Short::new(s[1], s[2], s[3]),
-                        on_cut: s[4] > 0.5,
-                        lit: s[5] > 0.5,
-                    })
+        let all = if at_once {
+            trace(&view, key, &[])?
+        } else {
+            Vec::new()
+        };
+        let mut look = |wanted: &[u32]| {
+            let numbers = if at_once {
+                let own = wanted
+                    .iter()
+                    .flat_map(|&n| &all[NUMBERS * n as usize..][..NUMBERS]);
+                own.copied().collect()
+            } else {
+                trace(&view, key, wanted)?
+            };
+            let samples = wanted.par_iter().zip(numbers.par_chunks_exact(NUMBERS));
+            let hits = samples.with_min_len(1 << 12).map(|(&n, s)| {
+                let (i, j) = (n as usize % columns, n as usize / columns);
+                s[0].is_finite().then(|| Hit {
+                    position: view.position(i, j, s[0].into()).cast(),
+                    normal: Short::new(s[1], s[2], s[3]),
+                    on_cut: s[4] > 0.5,
+                    lit: s[5] > 0.5,
                 })
-                .collect();
-            drop(numbers);
-            let values = grid.map(|g| values_at(&hits, view.eye, g)).transpose()?;
+            });
+            Ok::<Vec<_>, E>(session.threads.install(|| hits.collect()))
+        };
+        let mut samples = Samples::first(width, height, &mut look)?;
+        samples.divide(&mut look)?;
+        session.threads.install(|| {
+            let hits = samples.hits();
+            let values = grid.map(|g| values_at(hits, view.eye, g)).transpose()?;
             let paint = Paint::new(values.unwrap_or_default());
             let reach = 0.05 * bounds.half_diagonal();
-            let radius = reach / view.pixel();
-            let open = openness(&hits, columns, reach, radius, session.progress)
-                .map_err(VdbError::from)?;
+            let radius = reach / (FINE as f64 * view.pixel());
+            let open =
+                openness(&samples, reach, radius, session.progress).map_err(VdbError::from)?;
             let range = paint.range();
-            let lights = Lights::new(&view, key, &hits, open).with_paint(paint);
-            Ok((develop(self, &hits, &lights), range))
+            let lights = Lights::new(&view, key, hits, open).with_paint(paint);
+            Ok((develop(self, &samples, &lights), range))
         })
     }
 }
@@ -168,22 +186,26 @@ impl LevelSet {
     ) -> Result<(Image, [f32; 2]), VdbError> {
         picture.check()?;
         let bounds = self.bounds()?;
-        picture.compose(bounds, grid, session, &mut |view, key| {
-            self.trace(view, key, picture.cut, session)
+        picture.compose(bounds, grid, session, false, &mut |view, key, wanted| {
+            self.trace(view, (key, picture.cut), wanted, session)
         })
     }
 
-    /// Six numbers for each sample of a view, as the bridge gives them.
+    /// Six numbers for each sample of a view, or for those wanted, as the bridge gives them.
     pub(super) fn trace(
         &self,
         view: &View,
-        light: Vec3,
-        cut: Option<(usize, f64)>,
+        (light, cut): (Vec3, Option<(usize, f64)>),
+        wanted: &[u32],
         session: Session<'_>,
     ) -> Result<Vec<f32>, VdbError> {
         let camera = view.camera(light, cut);
-        let mut numbers = vec![0f32; NUMBERS * camera.columns * camera.rows];
-        ffi::grid_trace(&self.grid, &camera, &mut numbers, &session.host())
+        let count = match wanted.len() {
+            0 => camera.columns * camera.rows,
+            some => some,
+        };
+        let mut numbers = vec![0f32; NUMBERS * count];
+        ffi::grid_trace(&self.grid, &camera, wanted, &mut numbers, &session.host())
             .map_err(|e| VdbError::of("rendering", session, &e))?;
         Ok(numbers)
     }

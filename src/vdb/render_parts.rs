@@ -25,9 +25,7 @@ pub fn render_parts<E: From<VdbError> + Send>(
     mut parts: impl FnMut(&mut VisitPart<'_>) -> Result<(), E>,
 ) -> Result<Image, E> {
     picture.check()?;
-    let composed = picture.compose(bounds, None, session, &mut |view: &View,
-                                                                light: Vec3|
-     -> Result<Vec<f32>, E> {
+    let mut trace = |view: &View, light: Vec3, _: &[u32]| -> Result<Vec<f32>, E> {
         let mut scene = Scene {
             view,
             light,
@@ -41,8 +39,9 @@ pub fn render_parts<E: From<VdbError> + Send>(
             parts(&mut |part, _| scene.shade(part))?;
         }
         Ok(scene.numbers)
-    });
-    Ok(composed?.0)
+    };
+    // Parts are passed as seldom as can be: all samples at once.
+    Ok(picture.compose(bounds, None, session, true, &mut trace)?.0)
 }
 
 /// A view while parts pass.
@@ -60,7 +59,7 @@ impl Scene<'_> {
             return Ok(());
         };
         let own = self.view.part(low, high);
-        let found = part.trace(&own, self.light, self.cut, self.session)?;
+        let found = part.trace(&own, (self.light, self.cut), &[], self.session)?;
         let row = NUMBERS * own.size()[0];
         for (j, samples) in found.chunks_exact(row).enumerate() {
             let start = NUMBERS * ((low[1] + j) * self.view.size()[0] + low[0]);

@@ -31,6 +31,8 @@ enum Head {
 
 const TYPE_EXPECTED: &str = "floats on cubic voxels along the axes";
 
+/// Bytes that both ends of the pipe hold back.
+const BUFFER: usize = 1 << 18;
 /// Bytes of a leaf's record after its letter.
 const LEAF_BYTES: usize = 12 + 64 + 2048;
 /// Longest head, bytes: metadata of others may be long.
@@ -41,16 +43,13 @@ const LONGEST_HEAD: u64 = 64 << 20;
 /// # Errors
 /// Only those of `out`; what is wrong with the file is told to the receiver.
 pub(super) fn send(path: &Path, name: Option<&str>, out: impl Write) -> io::Result<()> {
-    let mut out = BufWriter::with_capacity(1 << 20, out);
+    let mut out = BufWriter::with_capacity(BUFFER, out);
     let volume = super::file::pick(path, name).and_then(|(n, g)| Volume::adopt(path, &n, g));
     let head = match &volume {
-        Ok(volume) => match volume.info() {
-            Ok(info) => Head::Grid(Box::new(GridInfo {
-                name: volume.name().to_owned(),
-                ..info
-            })),
-            Err(e) => Head::Damaged(e.to_string()),
-        },
+        Ok(volume) => Head::Grid(Box::new(GridInfo {
+            name: volume.name().to_owned(),
+            ..volume.info().clone()
+        })),
         Err(FileError::NoGrid {
             wanted, present, ..
         }) => Head::NoGrid {
@@ -73,13 +72,15 @@ pub(super) fn send(path: &Path, name: Option<&str>, out: impl Write) -> io::Resu
         return out.flush();
     };
     let broken = |e: super::VdbError| io::Error::other(e.to_string());
+    let mut record = [0; 1 + LEAF_BYTES];
+    record[0] = b'L';
     for leaf in volume.leaves().map_err(broken)?.iter() {
-        out.write_all(b"L")?;
-        out.write_all(&leaf.origin.0.map(i32::to_le_bytes).concat())?;
-        out.write_all(&leaf.mask.map(u64::to_le_bytes).concat())?;
-        for v in leaf.values {
-            out.write_all(&v.to_le_bytes())?;
-        }
+        let (numbers, values) = record[1..].split_at_mut(LEAF_BYTES - 2048);
+        let (origin, mask) = numbers.split_at_mut(12);
+        enter(origin, leaf.origin.0.map(i32::to_le_bytes));
+        enter(mask, leaf.mask.map(u64::to_le_bytes));
+        enter(values, leaf.values.map(f32::to_le_bytes));
+        out.write_all(&record)?;
     }
     let tiles = super::leaves::tiles_of(&volume.grid, true);
     for tile in tiles.map_err(|e| io::Error::other(e.to_string()))? {
@@ -93,6 +94,13 @@ pub(super) fn send(path: &Path, name: Option<&str>, out: impl Write) -> io::Resu
     out.flush()
 }
 
+/// Enters numbers of `N` bytes each into as many places.
+fn enter<const N: usize>(places: &mut [u8], numbers: impl IntoIterator<Item = [u8; N]>) {
+    for (place, bytes) in places.as_chunks_mut().0.iter_mut().zip(numbers) {
+        *place = bytes;
+    }
+}
+
 /// Why nothing came.
 pub(super) enum Loss {
     /// The child said why.
@@ -104,7 +112,7 @@ pub(super) enum Loss {
 /// The parent's part: a grid out of what the child writes.
 pub(super) fn receive(path: &Path, from: impl Read, limits: Limits) -> Result<Volume, Loss> {
     let broken = |e: io::Error| Loss::Broken(e.to_string());
-    let mut from = BufReader::with_capacity(1 << 20, from);
+    let mut from = BufReader::with_capacity(BUFFER, from);
     let mut line = String::new();
     (&mut from)
         .take(LONGEST_HEAD)
@@ -154,13 +162,14 @@ pub(super) fn receive(path: &Path, from: impl Read, limits: Limits) -> Result<Vo
         match letter {
             [b'L'] => {
                 from.read_exact(&mut record).map_err(broken)?;
+                let (numbers, bytes) = record.split_at(LEAF_BYTES - 2048);
                 let mut mask = [0; 8];
-                for (word, bytes) in mask.iter_mut().zip(record[12..76].chunks_exact(8)) {
-                    *word = bytes.first_chunk().map_or(0, |b| u64::from_le_bytes(*b));
+                for (word, bytes) in mask.iter_mut().zip(numbers[12..].as_chunks().0) {
+                    *word = u64::from_le_bytes(*bytes);
                 }
                 let mut values = [0.0; 512];
-                for (v, bytes) in values.iter_mut().zip(record[76..].chunks_exact(4)) {
-                    *v = bytes.first_chunk().map_or(0.0, |b| f32::from_le_bytes(*b));
+                for (v, bytes) in values.iter_mut().zip(bytes.as_chunks().0) {
+                    *v = f32::from_le_bytes(*bytes);
                 }
                 builder
                     .leaf(origin(&record), &mask, &values)
@@ -179,9 +188,7 @@ pub(super) fn receive(path: &Path, from: impl Read, limits: Limits) -> Result<Vo
             _ => return Err(Loss::Broken("what it sends makes no sense".into())),
         }
     }
-    let volume = Volume::adopt(&path, &info.name, builder.finish()).map_err(Loss::Told)?;
-    Ok(Volume {
-        metadata: info.metadata,
-        ..volume
-    })
+    let mut volume = Volume::adopt(&path, &info.name, builder.finish()).map_err(Loss::Told)?;
+    volume.info.metadata = info.metadata;
+    Ok(volume)
 }

@@ -10,7 +10,8 @@ use std::path::Path;
 pub struct Volume {
     pub(super) grid: UniquePtr<ffi::Grid>,
     pub(super) name: String,
-    pub(super) metadata: Vec<(String, String)>,
+    /// What it is, as found when it was read.
+    pub(super) info: Box<GridInfo>,
 }
 
 impl Volume {
@@ -21,36 +22,32 @@ impl Volume {
         grid: UniquePtr<ffi::Grid>,
     ) -> Result<Self, FileError> {
         let facts = ffi::grid_facts(&grid).map_err(|e| FileError::damaged(path, &e))?;
+        let info = GridInfo::from_facts(facts);
         let refuse = |found: String, expected| FileError::NotALevelSet {
             path: path.to_owned(),
             grid: name.to_owned(),
             found,
             expected,
         };
-        if facts.grid_type != super::file::FLOATS {
+        if info.grid_type != super::file::FLOATS {
             return Err(refuse(
-                format!("the type {}", facts.grid_type),
+                format!("the type {}", info.grid_type),
                 super::file::FLOATS,
             ));
         }
-        if Transform::new(facts.voxel_size[0]).is_none() || !facts.plain_transform {
+        if Transform::new(info.voxel_size[0]).is_none() || !info.cubic {
             return Err(refuse(
-                format!("voxels of {:?} or a rotation", facts.voxel_size),
+                format!("voxels of {:?} or a rotation", info.voxel_size),
                 "cubic voxels along the axes",
             ));
         }
-        let leaves = Leaves::of_grid(&grid).map_err(|e| FileError::damaged(path, &e))?;
-        for leaf in leaves.iter() {
-            if let Some(n) = leaf.values.iter().position(|v| !v.is_finite()) {
-                let found = format!("{} at voxel {:?}", leaf.values[n], leaf.voxel(n).0);
-                return Err(refuse(found, "finite numbers"));
-            }
-        }
-        drop(leaves);
+        super::file::all_finite(&grid)
+            .map_err(|e| FileError::damaged(path, &e))?
+            .map_err(|found| refuse(found, "finite numbers"))?;
         Ok(Self {
             grid,
             name: name.to_owned(),
-            metadata: GridInfo::from_facts(facts).metadata,
+            info: Box::new(info),
         })
     }
 
@@ -59,9 +56,10 @@ impl Volume {
     /// # Errors
     /// Only what OpenVDB itself refuses.
     pub fn rescaled(mut self, factor: f64) -> Result<Self, VdbError> {
-        let info = self.info()?;
-        let origin = info.origin.map(|c| c * factor);
-        ffi::grid_place(self.grid.pin_mut(), info.voxel_size[0] * factor, &origin)
+        self.info.origin = self.info.origin.map(|c| c * factor);
+        self.info.voxel_size = self.info.voxel_size.map(|h| h * factor);
+        let (h, origin) = (self.info.voxel_size[0], self.info.origin);
+        ffi::grid_place(self.grid.pin_mut(), h, &origin)
             .map_err(|e| VdbError::plain("scaling", &e))?;
         Ok(self)
     }
@@ -73,17 +71,13 @@ impl Volume {
 
     /// A metadata value, as text.
     pub fn meta(&self, key: &str) -> Option<&str> {
-        let found = self.metadata.iter().find(|(k, _)| k == key);
+        let found = self.info.metadata.iter().find(|(k, _)| k == key);
         found.map(|(_, value)| value.as_str())
     }
 
     /// Class, voxels, box and metadata.
-    ///
-    /// # Errors
-    /// Only what OpenVDB itself refuses.
-    pub fn info(&self) -> Result<GridInfo, VdbError> {
-        let facts = ffi::grid_facts(&self.grid).map_err(|e| VdbError::plain("counting", &e))?;
-        Ok(GridInfo::from_facts(facts))
+    pub fn info(&self) -> &GridInfo {
+        &self.info
     }
 
     /// Its leaves, in order of origin.
@@ -122,7 +116,7 @@ impl Volume {
                 expected: "a finite number",
             });
         }
-        let info = self.info()?;
+        let info = &self.info;
         let transform = Transform::new(info.voxel_size[0]).ok_or(VdbError::Parameter {
             name: "voxel size",
             value: info.voxel_size[0],
@@ -145,7 +139,7 @@ impl Volume {
     /// # Errors
     /// [`FileError::NotALevelSet`] with what is missing; `path` is its name in errors.
     pub fn into_level_set(self, path: &Path, session: Session<'_>) -> Result<LevelSet, FileError> {
-        super::file::adopt(path, &self.name, self.grid, session)
+        super::file::adopt_finite(path, &self.name, self.grid, &self.info, session)
     }
 
     /// Reads a grid of floats in this process: for files that one has made oneself. Without a name:

@@ -3,7 +3,7 @@
 use super::{THREADS, ball, complement, cube, intersection, level_set, session, sphere, union};
 use druse::band::{LeafBatch, LeafSink};
 use druse::field::{BoxSolid, Sphere};
-use druse::frame::{Aabb, Coord, Vec3};
+use druse::frame::{Aabb, Coord, Transform, Vec3};
 use druse::vdb::{LeafView, LevelSet, LevelSetBuilder};
 
 fn at(x: f64, y: f64, z: f64, radius: f64) -> Sphere {
@@ -39,6 +39,35 @@ fn pieces_are_those_of_the_solid_not_of_its_surfaces() {
     assert_eq!(voids.len(), 1);
     let exact = ball(8.0) - ball(4.0);
     assert!((voids[0].volume / exact - 1.0).abs() < 0.02, "{voids:?}");
+}
+
+#[test]
+fn measures_of_one_pass_are_those_of_each() {
+    let far = Vec3::new(3000.0, -500.0, 70.0);
+    let hollow = intersection(at(0.0, 0.0, 0.0, 12.0), complement(at(0.0, 0.0, 0.0, 8.0)));
+    let thick = Aabb {
+        min: Vec3::repeat(-40.0),
+        max: Vec3::repeat(33.0),
+    };
+    let solids = [
+        level_set(&union(hollow, at(1.0, 0.5, 0.0, 4.0)), cube(12.0), 0.5),
+        level_set(&BoxSolid(thick), thick, 0.7),
+        super::sphere_at(far, 9.0, 0.8),
+        LevelSet::empty(Transform::new(1.0).unwrap(), 3.0, session()).unwrap(),
+    ];
+    for s in &solids {
+        let found = s.measures(session()).unwrap();
+        let volume = super::volume(s);
+        let area = s.area(session()).unwrap();
+        // OpenVDB sums from the origin, in which parts far away lose digits.
+        assert!((found.volume - volume).abs() <= 1e-6 * volume, "{found:?}");
+        assert!((found.area - area).abs() <= 1e-6 * area, "{found:?}");
+        let pieces = s.components(session()).unwrap();
+        assert_eq!(found.components, pieces.len() as u64);
+        assert_eq!(found.bounds, s.bounds().unwrap());
+        let counted = s.info().unwrap().active_voxels;
+        assert_eq!(s.active_voxels().unwrap(), counted);
+    }
 }
 
 #[test]
