@@ -2,7 +2,8 @@
 //!
 //! A tour, in order of use: [`symmetry`] (point groups as integer matrices), [`cell`] (a symmetric
 //! Fourier series fitted to geometry), [`scaffold`] (an unstructured mesh with its element maps),
-//! [`tiling`] (cell over scaffold: a field in world space), [`band`] (which 8^3 leaves matter, and
+//! [`tiling`] (cell over scaffold: a field in world space), [`beams`] (struts and plates over a scaffold,
+//! round in world space), [`band`] (which 8^3 leaves matter, and
 //! their values), [`mesher`] (the band's surface in triangles), [`vdb`] (level sets in OpenVDB),
 //! [`recipe`] and [`pipeline`] (one document from sources to files). [`frame`], [`field`] and [`mesh`]
 //! are what all of them stand on; [`io`] reads and writes.
@@ -19,6 +20,7 @@
 //! | offsets | `shift` changes a field by a constant; `dilate`, `erode` move the surface by a distance |
 
 pub mod band;
+pub mod beams;
 pub mod cell;
 #[cfg(feature = "cli")]
 #[cfg(feature = "vdb")]

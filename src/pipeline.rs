@@ -48,6 +48,7 @@ mod plot;
 mod precision;
 mod probe;
 mod report;
+mod round_beams;
 mod scaffold;
 mod scatter;
 mod shape;

@@ -41,7 +41,7 @@ mod source;
 mod tiling;
 
 pub use brief::{Brief, Short};
-pub use cell::{Caps, CellSection, ElementName, Place as CellPlace, Solid};
+pub use cell::{Caps, CellSection, ElementName, Place as CellPlace, Section, Solid};
 
 pub use crystal::{CrystalFrame, CrystalRef, CrystalSection, SurfaceRef};
 #[cfg(feature = "vdb")]

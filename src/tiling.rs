@@ -58,7 +58,7 @@ mod walls;
 
 pub use blend::{Blend, Member};
 pub use certificate::{Certificate, FaceStatistics, Seam, certify};
-pub use distribution::{Graded, Interpolation};
+pub use distribution::{Graded, Interpolation, Weights};
 pub use error::TilingError;
 pub use path::{PathCheck, check_path};
 pub(crate) use seam::Ways;

@@ -8,9 +8,10 @@
 //! `d = h + k |t|^2 / (2 (1 + h k))`,
 //!
 //! exact to the second order in |t|, which is less than a voxel on a smooth surface, and never more than
-//! |x - q|, which it is where |t| is more. Points at sharp edges and corners know the planes that meet there,
-//! whose distance is exact. Signs are those of the level set. So the error does not grow with the distance, whatever
-//! the values were beyond the voxels next to the surface, and half a cell's walls or gaps are no limit.
+//! |x - q|, which it is where |t| is more. Points at sharp edges and corners know the planes that meet
+//! there, whose distance is exact. Signs are those of the level set. So the error does not grow with the
+//! distance, whatever the values were beyond the voxels next to the surface, and half a cell's walls or
+//! gaps are no limit.
 //!
 //! A voxel looks at what can be its nearest point only: of the points near a leaf, those near the
 //! 4^3 and 2^3 voxels that it is in. A leaf depends on nothing but the points within reach of it, so that
@@ -102,24 +103,23 @@ impl SurfacePoints {
         Self::joined(found, voxel_size, background)
     }
 
-    /// The same without the calling pool of threads.
-    pub(super) fn in_one_thread<'a>(
+    /// The points of some of a band's leaves, those that `wants` names, without the calling pool of threads.
+    pub(super) fn of_leaves<'a>(
         count: usize,
         leaf: impl Fn(usize) -> LeafRef<'a>,
-        voxel_size: f64,
-        background: f32,
-    ) -> Self {
+        wants: impl Fn(Coord) -> bool,
+        (voxel_size, background): (f64, f32),
+    ) -> Vec<LeafPoints> {
         let all = indexed(count, &leaf);
-        let voxel_size = voxel_size as f32;
+        let lengths = (voxel_size as f32, background);
         let mut stencils = Stencils::default();
-        let found = (0..count)
-            .map(|n| points_of(&leaf, (n, &all), &mut stencils, (voxel_size, background)))
-            .collect();
-        Self::joined(found, voxel_size, background)
+        let wanted = (0..count).filter(|&n| wants(leaf(n).origin));
+        let found = wanted.map(|n| points_of(&leaf, (n, &all), &mut stencils, lengths));
+        found.filter(|f| !f.points.is_empty()).collect()
     }
 
     /// The points of all leaves, in order of the leaves.
-    fn joined(found: Vec<LeafPoints>, voxel_size: f32, background: f32) -> Self {
+    pub(super) fn joined(found: Vec<LeafPoints>, voxel_size: f32, background: f32) -> Self {
         let mut surface = Self {
             points: Vec::with_capacity(found.iter().map(|f| f.points.len()).sum()),
             wedges: Vec::new(),
@@ -286,9 +286,19 @@ fn points_of<'a>(
 }
 
 /// What is found in a leaf.
-struct LeafPoints {
-    origin: Coord,
+#[derive(Clone)]
+pub(super) struct LeafPoints {
+    pub origin: Coord,
     points: Vec<Point>,
     /// Numbered by its points.
     wedges: Vec<Wedge>,
+}
+
+impl LeafPoints {
+    /// Memory that they take, bytes.
+    fn bytes(&self) -> usize {
+        size_of::<Self>()
+            + self.points.len() * size_of::<Point>()
+            + self.wedges.len() * size_of::<Wedge>()
+    }
 }

@@ -89,7 +89,7 @@ pub fn fit(
 /// Fourier transform: exact where the samples are symmetric and of a band below half their number.
 ///
 /// The samples stand at u = j/N - 1/2 in lattice coordinates, the last axis fastest. An infinite band
-/// limit keeps every orbit all of whose members k have |k_i| < N/2 on each axis, which is what N samples
+/// limit keeps every orbit all of whose members k have `|k_i| < N/2` on each axis, which is what N samples
 /// tell apart; on skew lattices an orbit with a member beyond is dropped as a whole. A finite one
 /// keeps the ball |f| <= R of these, [`largest_band`] at most. `method` and `samples` of the options are
 /// not used. The report's differences are those to the samples' trilinear interpolant.

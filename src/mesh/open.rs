@@ -32,8 +32,8 @@ const MOVES: [[f64; 3]; 4] = [
 pub(super) enum Open {
     /// The surface and its patches, and the patches alone.
     Patched {
-        closed: Soup,
-        patches: Soup,
+        closed: Box<Soup>,
+        patches: Box<Soup>,
         expansions: Winding,
         hair: f64,
     },
@@ -71,9 +71,9 @@ impl Open {
         let triangles = all.corners.iter().zip(&all.number).map(|(t, n)| (*t, *n));
         let closed: Vec<_> = triangles.chain(patches.iter().copied()).collect();
         let bounds = Aabb::of(closed.iter().flat_map(|t| t.0));
-        let patches = Soup::new(&patches);
+        let patches = Box::new(Soup::new(&patches));
         Some(Self::Patched {
-            closed: Soup::new(&closed),
+            closed: Box::new(Soup::new(&closed)),
             expansions: Winding::new(&patches),
             patches,
             hair: HAIR * bounds.min.amax().max(bounds.max.amax()),

@@ -296,7 +296,7 @@ impl MeshSolid {
                 last += 1;
                 for x in from[0]..to[0] {
                     for y in from[1]..to[1] {
-                        blocks[number([x, y, from[2]])..number([x, y, to[2] - 1]) + 1].fill(last);
+                        blocks[number([x, y, from[2]])..=number([x, y, to[2] - 1])].fill(last);
                     }
                 }
             } else if size == 4 {

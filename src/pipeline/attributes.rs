@@ -3,11 +3,10 @@
 //! Beyond the scaffold a point takes the numbers of the closest point of the scaffold's boundary.
 
 use super::error::RunError;
-use super::filling::{Fill, Filled};
+use super::filling::{CellWeights, Fill};
 use super::operate::Bench;
 use super::stock::Stock;
 use super::thickness::Thickness;
-use crate::cell::Table;
 use crate::frame::{Aabb, CellPoint, Element, Vec3, WorldPoint};
 use crate::io::VertexAttribute;
 use crate::mesh::MeshSolid;
@@ -28,7 +27,7 @@ pub(super) struct Attributes<'a> {
 /// A scaffold with its cells and its boundary.
 struct Filling<'a> {
     fill: &'a Fill,
-    filled: Filled<'a, Table>,
+    weights: CellWeights<'a>,
     boundaries: Vec<MeshSolid>,
     slack: f64,
 }
@@ -47,7 +46,7 @@ impl<'a> Attributes<'a> {
         let filling = match stock.fill() {
             Some(fill) if words.iter().any(GridWord::needs_scaffold) => Some(Filling {
                 fill,
-                filled: fill.tabulated()?,
+                weights: fill.cell_weights()?,
                 boundaries: boundaries(&fill.loaded.scaffold, slack),
                 slack,
             }),
@@ -76,7 +75,7 @@ impl<'a> Attributes<'a> {
         let mut out = Vec::new();
         for p in points {
             let spot = self.filling.as_ref().and_then(|f| Some((f, f.spot(p)?)));
-            let weights = spot.as_ref().map(|(f, (e, xi))| f.filled.weights(*e, *xi));
+            let weights = spot.as_ref().map(|(f, (e, xi))| f.weights.list(*e, *xi));
             for word in &self.words {
                 match (word, &spot) {
                     (GridWord::Thickness, _) => {

@@ -3,6 +3,7 @@
 use super::error::RunError;
 use super::source::skeleton;
 use super::stock::Stock;
+use crate::beams::Beams;
 use crate::frame::{CellPoint, Vec3};
 use crate::io::{Beam, BeamLattice};
 use std::collections::{BTreeSet, HashMap};
@@ -10,8 +11,9 @@ use std::collections::{BTreeSet, HashMap};
 /// How far the middle of a strut may lie beside the middle of its ends, as a share of its length.
 const STRAIGHT: f64 = 1e-6;
 
-/// Every strut of every element, those of neighbours that coincide once. Radii follow the elements' mean
-/// scale at the ends of each strut; what an element's map shears stays round.
+/// Every strut of every element, those of neighbours that coincide once. Round beams are those that the solid
+/// is made of. Radii of fitted graphs follow the elements' mean scale at the ends of each strut; what an
+/// element's map shears stays round.
 pub(super) fn beams(stock: &Stock) -> Result<BeamLattice, RunError> {
     let refused = |message: String| RunError::Tiling(format!("beams: {message}"));
     let sections = stock.recipe.sections();
@@ -20,6 +22,17 @@ pub(super) fn beams(stock: &Stock) -> Result<BeamLattice, RunError> {
     };
     let name = tiling.cells().first().copied().unwrap_or_default();
     let scaffold = &fill.loaded.scaffold;
+    // Nodes of neighbours agree to rounding.
+    let grain = 1e-7 * scaffold.bounds().half_diagonal();
+    if let Some(round) = fill.round() {
+        let beams = round.beams();
+        if beams.has_plates() {
+            return Err(refused(format!(
+                "cell.{name} has plates, which are no beams"
+            )));
+        }
+        return Ok(lattice_of(beams, grain));
+    }
     let shapes = scaffold.shapes();
     let [shape] = shapes[..] else {
         return Err(refused(
@@ -33,8 +46,6 @@ pub(super) fn beams(stock: &Stock) -> Result<BeamLattice, RunError> {
             "cell.{name} has plates, which are no beams"
         )));
     }
-    // Nodes of neighbours agree to rounding.
-    let grain = 1e-7 * scaffold.bounds().half_diagonal();
     let mut numbers: HashMap<[i64; 3], u32> = HashMap::new();
     let mut lattice = BeamLattice::default();
     let mut known = BTreeSet::new();
@@ -68,4 +79,25 @@ pub(super) fn beams(stock: &Stock) -> Result<BeamLattice, RunError> {
         }
     }
     Ok(lattice)
+}
+
+/// Round beams over shared nodes.
+fn lattice_of(beams: &Beams, grain: f64) -> BeamLattice {
+    let mut lattice = BeamLattice::default();
+    let mut numbers: HashMap<[i64; 3], u32> = HashMap::new();
+    for beam in beams.beams() {
+        let ends = beam.ends.map(|p| {
+            let key = <[i64; 3]>::from(p.map(|c| (c / grain).round() as i64));
+            *numbers.entry(key).or_insert_with(|| {
+                lattice.nodes.push(p);
+                lattice.nodes.len() as u32 - 1
+            })
+        });
+        // A ball is no beam of the format; the beams that meet there hold it.
+        if ends[0] != ends[1] {
+            let radii = beam.radii;
+            lattice.beams.push(Beam { ends, radii });
+        }
+    }
+    lattice
 }

@@ -172,7 +172,14 @@ pub fn levelled(cell: Cell, section: &CellSection) -> Result<Cell, CellFault> {
     if let Some(thickness) = section.thickness {
         let side = side.unwrap_or(cell.solid());
         let cell = ended(sided(cell, side)?);
-        let level = cell.level_for_thickness(thickness.0)?;
+        let recipe::Length::Bare(thickness) = thickness.0 else {
+            return Err(CellFault::Rule(format!(
+                "thickness = \"{}\" is a length in space, which a fitted cell does not have; expected a \
+                 number of reference lengths, [tiling] thickness, or a graph with section = \"round\"",
+                thickness.0
+            )));
+        };
+        let level = cell.level_for_thickness(thickness)?;
         let side = cell.solid();
         return Ok(cell.with_solid(side, level)?);
     }

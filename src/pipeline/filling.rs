@@ -6,6 +6,7 @@ use super::grading::{Grade, interpolated, mean, nearest, scales, shifts};
 use super::inputs::Inputs;
 use super::palette::{Entry, Fineness, entry};
 use super::report::Warning;
+use super::round_beams::{self, Round};
 use super::scaffold::Loaded;
 use super::scatter::Scatter;
 use super::sheets::SheetThickness;
@@ -21,9 +22,11 @@ use crate::tiling::{
 use crate::vdb::Session;
 use rayon::prelude::*;
 
+mod cell_weights;
 mod thickness;
 mod weights;
 
+pub(super) use cell_weights::CellWeights;
 use thickness::is_metric_sheet;
 
 /// Cells over a scaffold.
@@ -42,6 +45,8 @@ pub(super) struct Fill {
     /// By place; empty for none.
     grading: Vec<f64>,
     follow_volume: bool,
+    /// Beams and plates in world space; the palette then holds names only.
+    round: Option<Round>,
     /// The walls of cells that are metric sheets; the palette then holds their mid-surfaces.
     sheets: Option<SheetThickness>,
     /// Least and greatest thickness asked for, world units.
@@ -65,10 +70,15 @@ impl Fill {
         envelope: Option<&MeshSolid>,
         session: Session,
     ) -> Result<Self, RunError> {
-        let is_sheet = is_metric_sheet(inputs.recipe, section)?;
+        let is_round = round_beams::is_round(inputs, section)?;
+        let is_sheet = !is_round && is_metric_sheet(inputs.recipe, section)?;
         let mut palette = Vec::new();
         let fineness = Fineness::new(inputs.recipe, section, &loaded.scaffold);
         for name in section.cells() {
+            if is_round {
+                palette.push(Entry::named(name));
+                continue;
+            }
             let of_cell = (name, fineness, is_sheet);
             palette.push(entry(inputs, &loaded.scaffold, of_cell, session)?);
         }
@@ -103,6 +113,7 @@ impl Fill {
             follow_volume: section.follow_volume.unwrap_or(true) && !is_sheet,
             sheets: None,
             thickness_asked: None,
+            round: None,
             palette,
             fineness,
             loaded,
@@ -119,6 +130,14 @@ impl Fill {
         } else if !section.assign.is_empty() {
             fill.weights = fill.assigned(section, &setting)?;
         }
+        if is_round {
+            let setting = setting("tiling.thickness");
+            let round = Round::load(inputs, &fill, section, &setting)?;
+            fill.thickness_asked = Some(round.diameters());
+            fill.fraction_asked = round_beams::fraction(inputs.recipe, section);
+            fill.round = Some(round);
+            return Ok(fill);
+        }
         if is_sheet {
             let sheets = fill.sheet_thickness(inputs, section, &setting)?;
             fill.thickness_asked = Some(sheets.range());
@@ -126,7 +145,8 @@ impl Fill {
         } else {
             fill.grade(inputs, section, &setting)?;
         }
-        if fill.palette.len() > 1 {
+        // Mid-surfaces part space, they are no solids.
+        if fill.palette.len() > 1 && fill.sheets.is_none() {
             fill.look_along(inputs)?;
         }
         Ok(fill)
@@ -383,9 +403,17 @@ impl Fill {
         self.filled(|e| e.cells.iter().collect())
     }
 
+    /// Beams and plates in world space, where the cells are made of them.
+    pub fn round(&self) -> Option<&Round> {
+        self.round.as_ref()
+    }
+
     /// What a report says of each cell.
     pub fn facts(&self) -> impl Iterator<Item = (String, serde_json::Value)> + '_ {
         self.palette.iter().map(|entry| {
+            if let Some(round) = &self.round {
+                return (entry.name.clone(), round.facts());
+            }
             let mut facts = facts_by_element(&entry.cells);
             let tables = entry.tables.iter().map(|t| self.fineness.facts(t));
             facts["tables"] = tables.collect();
@@ -404,15 +432,19 @@ impl Fill {
         })
     }
 
-    /// Memory of all tables.
+    /// Memory of all tables, or of all beams.
     pub fn table_bytes(&self) -> u64 {
         let tables = self.palette.iter().flat_map(|entry| &entry.tables);
-        tables.map(|t| t.bytes() as u64).sum()
+        let tables: u64 = tables.map(|t| t.bytes() as u64).sum();
+        tables + self.round.as_ref().map_or(0, Round::bytes)
     }
 
     /// The continuity over all shared faces.
     pub fn certificate(&self) -> Result<crate::tiling::Certificate, RunError> {
         let scaffold = &self.loaded.scaffold;
+        if let Some(round) = &self.round {
+            return Ok(certify(scaffold, &round.in_elements(scaffold)));
+        }
         Ok(match self.tabulated()? {
             Filled::One(table) => certify(scaffold, table),
             Filled::Many(blend) => certify(scaffold, &*blend),

@@ -39,12 +39,15 @@ pub(super) fn density(scaffold: &Scaffold, cell: &Cell) -> Option<Density> {
 }
 
 /// The share of its elements that the one cell of a palette fills, at the level of the tiling where that
-/// asks for a share; `None` of several cells.
+/// asks for a share; `None` of several cells, and of sheets, whose cell is the side of the mid-surface.
 pub(super) fn of_cell(fill: &Fill) -> Option<f64> {
     let [entry] = &fill.palette[..] else {
         return None;
     };
-    if fill.fraction_asked.is_some() {
+    if fill.sheets().is_some() {
+        return None;
+    }
+    if fill.fraction_asked.is_some() || entry.cells.is_empty() {
         return fill.fraction_asked;
     }
     let volumes = volumes(&fill.loaded.scaffold, &entry.cells);
@@ -75,11 +78,11 @@ fn volumes(scaffold: &Scaffold, cells: &[Cell]) -> Vec<f64> {
 /// Cells of one field, whose levels are shifted alike so that together they fill a share of their elements.
 pub(super) fn shifted(
     scaffold: &Scaffold,
-    cells: Vec<Cell>,
+    cells: &[Cell],
     densities: &[Option<Density>],
     asked: f64,
 ) -> Result<Vec<Cell>, crate::cell::CellError> {
-    let volumes = volumes(scaffold, &cells);
+    let volumes = volumes(scaffold, cells);
     let total: f64 = volumes.iter().sum();
     let at = |shift: f64| {
         let moved = |c: &Cell| c.clone().with_solid(c.solid(), c.level() + shift);
@@ -91,7 +94,7 @@ pub(super) fn shifted(
             .sum()
     };
     // Regula falsi between the last two shifts; fields are in edge lengths.
-    let mut last = (0.0, share(&cells) - asked);
+    let mut last = (0.0, share(cells) - asked);
     let mut next = 1e-3;
     let mut best = (last.1.abs(), 0.0);
     for _ in 0..STEPS {

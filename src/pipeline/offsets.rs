@@ -11,8 +11,9 @@
 //! offset field itself: from voxels p of its band, drawn over the whole part, to the foot p - s grad s,
 //! where the field must vanish. If the root mean square of what it is there instead is more than
 //! [`LIMIT`], the distance is rebuilt first, from points of the surface of the sampled level set
-//! ([`SurfacePoints`]), at any distance in one step; so are later moves. OpenVDB's filters, which rebuild
-//! it by steps of half a voxel, are left with masks, `scheme = "openvdb"` and bands of less than 3 voxels. The report says which way was taken, and why.
+//! ([`SurfacePoints`]), at any distance in one step; so are later moves, and those of files. OpenVDB's
+//! filters, which rebuild it by steps of half a voxel, are left with masks, `scheme = "openvdb"` and bands
+//! of less than 3 voxels. The report says which way was taken, and why.
 //!
 //! Moves in one direction add up. One back does not: an erosion after a dilation leaves closed what the
 //! dilation has closed. So `open`, `close`, and whatever moves against the moves before it are done on

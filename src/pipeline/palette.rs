@@ -75,6 +75,18 @@ pub(super) struct Entry {
     pub densities: Vec<Option<Density>>,
 }
 
+impl Entry {
+    /// A name without cells: its struts are made as beams.
+    pub fn named(name: &str) -> Self {
+        Self {
+            name: name.to_owned(),
+            cells: Vec::new(),
+            tables: Vec::new(),
+            densities: Vec::new(),
+        }
+    }
+}
+
 /// The cells of a name for every shape that occurs; of a metric sheet the side of its mid-surface.
 pub(super) fn entry(
     inputs: &mut Inputs,
@@ -133,7 +145,7 @@ pub(super) fn entry(
         entry.cells = fit_matched(&entry.cells, &options, session.progress)
             .map_err(|e| SourceFault::from(e).of(&key))?;
         if let Some(asked) = section.volume_fraction {
-            let shifted = fractions::shifted(scaffold, entry.cells, &entry.densities, asked.0);
+            let shifted = fractions::shifted(scaffold, &entry.cells, &entry.densities, asked.0);
             entry.cells = shifted.map_err(|e| RunError::Cell {
                 key: key.clone(),
                 fault: e.into(),

@@ -4,6 +4,7 @@ use super::error::RunError;
 use super::filling::{Fill, Filled};
 use super::offsets::Offsets;
 use super::report::{ContinuityReport, ScaffoldReport, Warning};
+use super::round_beams::Round;
 use super::sheets::SheetOptions;
 use super::stock::Stock;
 use super::{RunOptions, threads};
@@ -106,6 +107,11 @@ impl<'a> Probe<'a> {
             .tiling_options(self.stock.recipe.scale(), Offsets::default());
         let points: Vec<Vec3> = points.iter().map(|&p| p.into()).collect();
         self.threads.install(|| {
+            if let Some(round) = fill.round() {
+                let shape = round.shape(fill, options, Offsets::default());
+                let solid = (&*shape.field, options.half_width);
+                return probe_round(fill, round, solid, &points);
+            }
             if let Some(sheets) = fill.sheets() {
                 let how = SheetOptions {
                     tiling: options,
@@ -138,11 +144,11 @@ impl<'a> Probe<'a> {
         if let Some(path) = picture {
             let scaffold = &fill.loaded.scaffold;
             let quality: Vec<f64> = scaffold.elements().map(|e| e.quality()).collect();
-            let filled = fill.tabulated()?;
+            let cell_weights = fill.cell_weights()?;
             let names = self.cells();
             let mut weights = vec![Vec::with_capacity(scaffold.len()); names.len()];
             for e in scaffold.elements() {
-                let own = filled.weights(e.index(), e.shape().centroid());
+                let own = cell_weights.list(e.index(), e.shape().centroid());
                 for (all, w) in weights.iter_mut().zip(own) {
                     all.push(w);
                 }
@@ -160,6 +166,35 @@ impl<'a> Probe<'a> {
         }
         Ok(ContinuityReport::from(&found))
     }
+}
+
+/// Round beams at points: phi is the signed distance to the uncut beams, `distance` that of the solid.
+fn probe_round(
+    fill: &Fill,
+    round: &Round,
+    (solid, half_width): (&WorldField, f64),
+    points: &[Vec3],
+) -> Result<Vec<Probed>, RunError> {
+    let scaffold = &fill.loaded.scaffold;
+    let weights = fill.cell_weights()?;
+    let count = fill.palette.len();
+    let one = |&p: &Vec3| {
+        let p = WorldPoint(p);
+        let distance = solid.value(p).clamp(-half_width, half_width);
+        let Some((e, xi)) = scaffold.locate(p) else {
+            return Probed::outside(distance, count);
+        };
+        let (phi, gradient) = round.beams().value_and_gradient(p);
+        Probed {
+            phi,
+            gradient: gradient.into(),
+            distance,
+            element: scaffold.number(e as usize) as i64,
+            reference: xi.0.into(),
+            weights: weights.list(e as usize, xi),
+        }
+    };
+    Ok(points.par_iter().map(one).collect())
 }
 
 /// Sheets at points: phi is the signed distance that the solid is made of, not clamped to the band.

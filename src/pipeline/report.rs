@@ -409,6 +409,8 @@ impl Warning {
     pub const CONTINUITY: &'static str = "W114";
     /// W115: a thickness that no level of a cell gives; the nearest level is used.
     pub const THICKNESS: &'static str = "W115";
+    /// W116: a graph that stays fitted though a thickness in units of length is asked.
+    pub const SECTION: &'static str = "W116";
 }
 
 fn corners<S: serde::Serializer>(b: &Aabb, s: S) -> Result<S::Ok, S::Error> {

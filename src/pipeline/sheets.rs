@@ -21,11 +21,17 @@ use crate::frame::{Aabb, Coord, Transform, Vec3, WorldPoint};
 use crate::mesh::MeshSolid;
 use crate::scaffold::Scaffold;
 use crate::tiling::{self, Boundary, CellField, Graded, Kernel, TiledSolid, TilingOptions, Visits};
+use std::collections::{BTreeMap, HashMap};
+use std::sync::{Mutex, PoisonError};
 
 /// Half width, in voxels, of the band of the mid-surface that closest points are taken from.
 const MID_HALF_WIDTH: f64 = 3.0;
 /// Voxels between places where a graded thickness is evaluated.
 const THICKNESS_STEP: i32 = 4;
+/// Parts of what is known of a graded thickness, so that threads seldom wait for each other, and how many places
+/// each knows at most.
+const SHARDS: usize = 16;
+const MOST_KNOWN: usize = 1 << 14;
 /// How much farther than needed distances hold, so that rounding does not show.
 const REACH_SLACK: f64 = 1.0 + 1e-5;
 
@@ -138,6 +144,7 @@ impl SheetThickness {
                 outer: &self.outer,
                 places: Scatter::new(&self.places),
                 step: h,
+                known: std::array::from_fn(|_| Mutex::default()),
             }))
         };
         let sheet = Box::new(Sheet {
@@ -213,11 +220,33 @@ struct GradedThickness<'a> {
     places: Scatter,
     /// Edge of a voxel, world units.
     step: f64,
+    /// What was found, by place: neighbouring leaves ask for the same places.
+    known: [Mutex<HashMap<Coord, f64>>; SHARDS],
 }
 
 impl GradedThickness<'_> {
     /// At one of the places where it is evaluated: `THICKNESS_STEP` voxels times integers.
     fn at_place(&self, place: Coord) -> f64 {
+        let Coord([x, y, z]) = place;
+        let shard = (x ^ y << 1 ^ z << 2).rem_euclid(SHARDS as i32) as usize;
+        let known = || {
+            self.known[shard]
+                .lock()
+                .unwrap_or_else(PoisonError::into_inner)
+        };
+        if let Some(found) = known().get(&place) {
+            return *found;
+        }
+        let found = self.find(place);
+        let mut known = known();
+        if known.len() >= MOST_KNOWN {
+            known.clear();
+        }
+        known.insert(place, found);
+        found
+    }
+
+    fn find(&self, place: Coord) -> f64 {
         let p = Vec3::from(place.0.map(|c| f64::from(c * THICKNESS_STEP) * self.step));
         if let Some(value) = self.graded.at(WorldPoint(p)) {
             return value;
@@ -255,7 +284,7 @@ impl GradedThickness<'_> {
     /// Takes half the thickness off distances at the samples of a lattice.
     fn subtract_half(&self, lattice: &SampleLattice<WorldPoint>, out: &mut [f32]) {
         let mut known: Option<(Coord, [f64; 8])> = None;
-        let mut cubes: std::collections::BTreeMap<Coord, [f64; 8]> = Default::default();
+        let mut cubes: BTreeMap<Coord, [f64; 8]> = BTreeMap::new();
         for (n, v) in out.iter_mut().enumerate() {
             let (least, part) = self.cube(lattice.point(n).0);
             let corners = match known {

@@ -69,13 +69,13 @@ impl Found {
     }
 }
 
-/// The struts of a cell of a recipe, in reference coordinates.
+/// The struts and plates of a cell of a recipe, in reference coordinates.
 pub(super) fn skeleton(
     recipe: &Recipe,
     section: &CellSection,
     element: Element,
 ) -> Result<Skeleton, SourceFault> {
-    let Some(f) = &section.graph else {
+    let Some(f) = section.graph.as_ref().or(section.plates.as_ref()) else {
         return Ok(Skeleton::new());
     };
     let path = has_extension(&f.path, &["toml", "json"]).then(|| recipe.resolve(&f.path));

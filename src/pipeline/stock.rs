@@ -258,6 +258,9 @@ impl<'a> Stock<'a> {
             return Ok(None);
         };
         let options = self.tiling_options(scale, offsets);
+        if let Some(round) = tiling.round() {
+            return Ok(Some(round.shape(tiling, options, offsets)));
+        }
         let failed = |e: tiling::TilingError| RunError::Tiling(e.to_string());
         let scaffold = &tiling.loaded.scaffold;
         let nodes = TOLD * self.tolerance() * options.voxel_size;

@@ -64,7 +64,6 @@ impl Voxels {
                     ..self.scale
                 },
                 half_width: op.half_width.map_or(self.half_width, |w| w.0),
-                ..self
             },
         }
     }

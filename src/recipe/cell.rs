@@ -4,7 +4,7 @@ use super::crystal::CrystalRef;
 use super::file::{FileRef, Similarity};
 use super::fit::{Filter, FitMethod, Solver, Symmetrise};
 use super::hybrid::{Ingredient, Surroundings};
-use super::quantity::{Finite, Fraction, Positive};
+use super::quantity::{Finite, Fraction, Length, Positive, Size};
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::Deserialize;
 use serde::de::value::MapAccessDeserializer;
@@ -148,9 +148,17 @@ pub struct CellSection {
     /// Level by the solid's share of the element's volume.
     #[cfg_attr(feature = "cli", arg(long, value_name = "FRACTION"))]
     pub volume_fraction: Option<Fraction>,
-    /// Half wall by the full local thickness of a sheet, in reference lengths.
+    /// Full local thickness: a bare number in reference lengths, a string such as "0.9mm" in space.
     #[cfg_attr(feature = "cli", arg(long))]
-    pub thickness: Option<Positive>,
+    pub thickness: Option<Size>,
+    /// Form of the struts of a graph and of plates: "round" makes beams and plates in space, "fitted" a
+    /// Fourier series in the element. Left out: round where a thickness in units of length is asked, here or
+    /// in `[tiling]`, else fitted. Round beams take a volume fraction too, one number for all struts.
+    #[cfg_attr(feature = "cli", arg(skip))]
+    pub section: Option<Section>,
+    /// Radius that rounds the corners where round struts meet, as a length; none when left out.
+    #[cfg_attr(feature = "cli", arg(skip))]
+    pub fillet: Option<Size>,
     /// Which side of the level is solid: below, above, or a sheet around it.
     #[cfg_attr(feature = "cli", arg(long))]
     pub solid: Option<Solid>,
@@ -171,6 +179,16 @@ pub enum Solid {
     Above,
     /// |phi| < half the thickness.
     Sheet,
+}
+
+/// Form of struts and plates.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum Section {
+    /// Round beams in world space, of exactly the diameter asked for; plates likewise.
+    Round,
+    /// A Fourier series fitted in the reference element; the element's map distorts it.
+    Fitted,
 }
 
 /// What triangles in a face plane of the element count for.
@@ -357,6 +375,27 @@ impl CellSection {
             ("minkowski_difference", self.minkowski_difference.is_some()),
         ];
         given.iter().filter(|g| g.1).map(|g| g.0).collect()
+    }
+
+    /// The thickness that is asked for in units of length (or voxels), not in reference lengths.
+    pub fn physical_thickness(&self) -> Option<Size> {
+        self.thickness.filter(|t| !matches!(t.0, Length::Bare(_)))
+    }
+
+    /// Whether the cell is made of round beams and plates in world space: as `section` says, else where
+    /// it is a graph or plates of a solid element and a thickness in units of length is asked, in the cell or
+    /// for the tiling. A graph that is placed elsewhere, inverted or a sheet stays fitted.
+    pub fn is_round(&self, tiling: &super::TilingSection) -> bool {
+        if let Some(section) = self.section {
+            return section == Section::Round;
+        }
+        let of_parts = self.graph.is_some() || self.plates.is_some();
+        let is_planar = self.own_element().is_some_and(|e| e.dimension() < 3);
+        let is_asked = tiling.thickness.is_some() || self.physical_thickness().is_some();
+        let is_plain = self.invert != Some(true)
+            && self.solid.is_none_or(|s| s == Solid::Below)
+            && self.place.as_ref().is_none_or(|p| *p == Place::Reference);
+        of_parts && !is_planar && is_asked && is_plain
     }
 
     /// Names of the level rules that are given.

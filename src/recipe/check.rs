@@ -156,6 +156,15 @@ fn scaffold(sections: &Sections, source: &Source) -> Checked {
             };
             for name in tiling.cells() {
                 known_cell(name, key, sections, source)?;
+                let cell = &sections.cell[name];
+                if cell.fillet.is_some() && !cell.is_round(tiling) {
+                    return Err(source
+                        .fault(
+                            &format!("cell.{name}.fillet"),
+                            "fillet rounds the corners of round struts, which this cell is not made of",
+                        )
+                        .hint("section = \"round\" makes the struts of a graph round"));
+                }
             }
             Ok(())
         }

@@ -64,7 +64,8 @@ pub struct Output {
     /// may meet others. In bricks each block of 128^3 voxels by itself; what blocks share keeps its triangles.
     pub decimate: Option<Brief<Decimate>>,
     /// Write the struts of a graph as beams (.3mf with the beam lattice extension) instead of triangles:
-    /// for one cell over a scaffold of straight elements, whole beams that nothing cuts.
+    /// whole beams that nothing cuts, round ones in curved elements as polylines; fitted graphs for one cell
+    /// over a scaffold of straight elements.
     pub beams: bool,
     /// Width and height of the picture in pixels: [1000, 800] or "1000x800".
     pub size: Option<PictureSize>,

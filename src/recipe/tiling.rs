@@ -28,7 +28,8 @@ pub struct TilingSection {
     pub level: Option<Varying>,
     /// Level by the solid's share of the element, graded.
     pub volume_fraction: Option<Varying>,
-    /// Level by the full local thickness, graded: in the recipe's unit.
+    /// Full local thickness, graded: in the recipe's unit. Struts of a graph become round beams of this
+    /// diameter; of other cells it sets the level.
     pub thickness: Option<Varying>,
     /// How far, in voxels, the tables that cells are looked up in may displace the surface, as measured where
     /// voxels are finest against the cell: tables are as small as that allows, and waves that they are then

@@ -10,7 +10,7 @@
 //! element is interpolated linearly between theirs, tabulated over the weight; for more the pairs'
 //! tables are added, weighted by what the pair has of the whole.
 
-use super::distribution::Distribution;
+use super::distribution::{Distribution, normalise};
 use super::pair::{Pair, pair};
 use super::source::{CellField, Filling, fills, single};
 use super::{Interpolation, TilingError, seam};
@@ -75,22 +75,7 @@ impl<'a, C: CellField> Blend<'a, C> {
     ) -> Result<Self, TilingError> {
         let count = members.len();
         let found = weights.len();
-        for (place, own) in weights.chunks_exact_mut(count.max(1)).enumerate() {
-            for w in own.iter_mut() {
-                *w = w.max(0.0);
-            }
-            let sum: f64 = own.iter().sum();
-            if !(sum.is_finite() && sum > 0.0) {
-                let places = interpolation.places(scaffold);
-                return Err(TilingError::Weights {
-                    at: places.get(place).copied().unwrap_or_default().into(),
-                    sum,
-                });
-            }
-            for w in own.iter_mut() {
-                *w /= sum;
-            }
-        }
+        normalise(scaffold, interpolation, count, &mut weights)?;
         let weights = Distribution::new(scaffold, interpolation, count, weights)
             .map_err(|expected| TilingError::WeightCount { found, expected })?;
         let mut scales = Vec::new();

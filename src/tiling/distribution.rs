@@ -183,6 +183,64 @@ impl<'a> Graded<'a> {
     }
 }
 
+/// Weights of at most 8 cells over a scaffold: not negative, their sum 1.
+pub struct Weights<'a>(Distribution<'a>);
+
+impl<'a> Weights<'a> {
+    /// `count` weights at each of the interpolation's places (see [`Interpolation::places`]), by place and
+    /// then cell. Negative ones count as 0, and all are divided by their sum.
+    ///
+    /// # Errors
+    /// [`TilingError::WeightCount`] if there are not as many weights as places and cells,
+    /// [`TilingError::Weights`] where they sum to 0 or are not finite.
+    pub fn new(
+        scaffold: &'a Scaffold,
+        how: Interpolation,
+        count: usize,
+        mut values: Vec<f64>,
+    ) -> Result<Self, TilingError> {
+        let found = values.len();
+        normalise(scaffold, how, count, &mut values)?;
+        Distribution::new(scaffold, how, count, values)
+            .map(Self)
+            .map_err(|expected| TilingError::WeightCount { found, expected })
+    }
+
+    /// The weights at a point of an element; those beyond the count are 0.
+    pub fn at(&self, element: usize, xi: CellPoint<3>) -> [f64; 8] {
+        self.0.at(element, xi).map(|w| w.0)
+    }
+}
+
+/// Clamps `count` weights at each place at 0 and divides them by their sum.
+///
+/// # Errors
+/// [`TilingError::Weights`] where they sum to 0 or are not finite.
+pub(super) fn normalise(
+    scaffold: &Scaffold,
+    how: Interpolation,
+    count: usize,
+    weights: &mut [f64],
+) -> Result<(), TilingError> {
+    for (place, own) in weights.chunks_exact_mut(count.max(1)).enumerate() {
+        for w in own.iter_mut() {
+            *w = w.max(0.0);
+        }
+        let sum: f64 = own.iter().sum();
+        if !(sum.is_finite() && sum > 0.0) {
+            let places = how.places(scaffold);
+            return Err(TilingError::Weights {
+                at: places.get(place).copied().unwrap_or_default().into(),
+                sum,
+            });
+        }
+        for w in own.iter_mut() {
+            *w /= sum;
+        }
+    }
+    Ok(())
+}
+
 /// The numbers that are at most `reach` from a value and in a range that contains it.
 fn within(value: f64, reach: f64, range: Interval) -> Interval {
     Interval::new((value - reach).max(range.lo), (value + reach).min(range.hi))

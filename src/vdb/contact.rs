@@ -82,7 +82,9 @@ impl LevelSet {
                     return Err(VdbError::Cancelled(Cancelled));
                 }
                 let mut batch = LeafBatch::default();
-                chunk.iter().for_each(|&n| one(n, &mut batch));
+                for &n in chunk {
+                    one(n, &mut batch);
+                }
                 Ok(batch)
             })
             .collect()

@@ -66,21 +66,25 @@ impl LevelSet {
             .map(|(n, l)| (l.origin, n))
             .collect();
         let value = |origin: Coord, n: usize| Some(leaves.get(*own.get(&origin)?)?.values[n]);
+        // Beside a tile: a voxel at the surface has space there, one in the depth is no end of the solid.
+        let beyond = self.background() as f32;
         let mut bounds = Aabb::EMPTY;
         for leaf in leaves.iter() {
             for (n, &inner) in leaf.values.iter().enumerate().filter(|(_, v)| **v < 0.0) {
                 for (axis, side) in [(0, -1), (0, 1), (1, -1), (1, 1), (2, -1), (2, 1)] {
                     let stride = 64 >> (3 * axis);
-                    let along = (n / stride & 7) as i32 + side;
-                    let base = n - stride * (n / stride & 7) + stride * (along & 7) as usize;
+                    let place = (n / stride) & 7;
+                    let along = place as i32 + side;
+                    let base = n - stride * place + stride * (along & 7) as usize;
                     let outer = if (0..LEAF).contains(&along) {
-                        Some(leaf.values[base])
+                        leaf.values[base]
                     } else {
                         let mut origin = leaf.origin;
                         origin.0[axis] += side * LEAF;
-                        value(origin, base)
+                        let is_deep = !leaf.is_active(n);
+                        value(origin, base).unwrap_or(if is_deep { -beyond } else { beyond })
                     };
-                    if let Some(outer) = outer.filter(|v| *v >= 0.0) {
+                    if outer >= 0.0 {
                         let share = f64::from(inner) / (f64::from(inner) - f64::from(outer));
                         let mut at = self.transform.world(leaf.voxel(n)).0 + self.origin;
                         at[axis] += f64::from(side) * share * self.voxel_size();

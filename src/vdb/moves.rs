@@ -8,6 +8,9 @@ use crate::frame::Coord;
 use crate::progress::Cancelled;
 use rayon::prelude::*;
 
+/// Farthest that a surface is moved at once, voxels: each leaf looks at all within reach, whose number grows with
+/// the third power.
+const LONGEST_MOVE: f64 = 48.0;
 /// Leaves that a thread takes at a time, between two looks at whether the user asked to stop.
 const CHUNK: usize = 64;
 
@@ -52,20 +55,29 @@ impl LevelSet {
         Ok(())
     }
 
-    /// Moves the surface outwards (inwards if negative) by so many world units, at once.
+    /// Moves the surface outwards (inwards if negative) by so many world units, at once up to
+    /// [`LONGEST_MOVE`] voxels, farther in equal steps.
     pub(super) fn move_by_points(
         &mut self,
         doing: &'static str,
         outwards: f64,
         session: Session<'_>,
     ) -> Result<(), VdbError> {
+        let steps = (outwards.abs() / (LONGEST_MOVE * self.voxel_size())).ceil();
+        let steps = steps.max(1.0) as u64;
         let rebuild = Rebuild {
-            outwards,
+            outwards: outwards / steps as f64,
             background: self.background() as f32,
             known: self.background() as f32,
             within: Region::EVERYWHERE,
         };
-        self.rebuild(doing, rebuild, session)
+        for _ in 0..steps {
+            self.rebuild(doing, rebuild, session)?;
+            if self.active_voxels()? == 0 {
+                break;
+            }
+        }
+        Ok(())
     }
 
     pub(super) fn rebuild(

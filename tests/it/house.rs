@@ -30,6 +30,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
         "polymesh",
         &["mesh", "scaffold", "frame", "progress", "symmetry"],
     ),
+    ("beams", &["field", "frame", "lanes", "mesh", "scaffold"]),
     ("band", &["field", "frame", "progress", "lanes"]),
     ("slice", &["field", "frame"]),
     (
@@ -52,8 +53,8 @@ const MAY_USE: &[(&str, &[&str])] = &[
     (
         "pipeline",
         &[
-            "frame", "lanes", "progress", "field", "mesh", "cell", "scaffold", "tiling", "band",
-            "mesher", "slice", "vdb", "io", "recipe", "symmetry", "polymesh",
+            "beams", "frame", "lanes", "progress", "field", "mesh", "cell", "scaffold", "tiling",
+            "band", "mesher", "slice", "vdb", "io", "recipe", "symmetry", "polymesh",
         ],
     ),
     (

@@ -85,6 +85,12 @@ fn meshes_go_in_and_out() {
     let mesh = place.json("check v.ply");
     assert!((mesh["volume"].as_f64().unwrap() / ball(5.0) - 1.0).abs() < 0.01);
     assert_eq!(mesh["closed"], true);
+    // As recipes mesh, unless OpenVDB's mesher is asked for.
+    place.json("mesh v.vdb -o own.ply --mesher druse");
+    place.json("mesh v.vdb -o other.ply --mesher openvdb");
+    place.json("mesh v.vdb -o quads.ply --quads");
+    let bytes = |name: &str| std::fs::read(place.0.path().join(name)).unwrap();
+    assert!(bytes("v.ply") == bytes("own.ply") && bytes("own.ply") != bytes("other.ply"));
     // Out of a fog the part above half density.
     place.json("filter a.vdb -o fog.vdb fog");
     assert_eq!(

@@ -2,8 +2,8 @@
 //!
 //! The source field is sampled on the voxel lattice in a thin band around its zero set. Distances are
 //! those of [`SurfacePoints`], so they are metric as far as `reach`, whatever the source's values are.
-//! Samples are made on demand, in blocks of [`BLOCK_EDGE`] voxels, and some blocks are kept, apart from the
-//! blocks of points that are made of them. A block of points holds all within reach of its voxels, on one
+//! Samples are made on demand, in blocks of [`BLOCK_EDGE`] voxels, and so are the surface's points in a block, of
+//! the samples in it and about it. A block of distances holds all points within reach of its voxels, on one
 //! lattice for all of space, so values depend neither on which blocks are kept nor on threads nor on bricks.
 //!
 //! phi < 0 where the source is negative. Lengths are in world units.
@@ -13,8 +13,8 @@ use super::super::evaluate::group_values;
 use super::super::leaf::{LEAF, VOXELS};
 use super::super::smooth::LeafRef;
 use super::super::{Band, Region};
-use super::SurfacePoints;
 use super::kept::{Kept, Made};
+use super::{LeafPoints, SurfacePoints};
 use crate::field::{Field, Interval, LeafBits, SampleLattice, WorldField};
 use crate::frame::{Aabb, Coord, Transform, Vec3, WorldPoint};
 use std::collections::HashMap;
@@ -24,17 +24,13 @@ use std::sync::OnceLock;
 const BLOCK_EDGE: i32 = 64;
 /// Half width in voxels of the sampled band: what the stencils of surface points need.
 const BAND_HALF_WIDTH: f64 = 3.0;
-/// Voxels beyond the farthest point that matters: those of the points' stencils.
-const STENCIL_MARGIN: i32 = 2;
 /// Leaves that are evaluated at once.
 const LEAVES_AT_ONCE: usize = 32;
 /// Leaves along the edge of a block.
 const LEAVES_PER_EDGE: i32 = BLOCK_EDGE / LEAF;
-/// Blocks of points that are kept for each thread, whatever memory they take.
-const BLOCKS_PER_THREAD: usize = 4;
-/// Blocks of samples that are kept for each thread: those around one of points.
-const SAMPLES_PER_THREAD: usize = 27;
-/// Memory of either kind beyond that.
+/// Blocks of each kind that are kept for each thread, whatever memory they take: those around one.
+const KEPT_PER_THREAD: usize = 27;
+/// Memory of each kind beyond that.
 const MOST_BYTES: usize = 64 << 20;
 
 /// The distance to the zero set of a field, clamped to a reach.
@@ -45,8 +41,9 @@ pub struct ClosestPointField<'a> {
     room: Option<Box<WorldField<'a>>>,
     transform: Transform,
     reach: f64,
-    blocks: Kept<Option<Block>>,
     samples: Kept<Option<Samples>>,
+    points: Kept<Option<Vec<LeafPoints>>>,
+    blocks: Kept<Option<Block>>,
 }
 
 /// The source's values in a block: of the leaves that its zero set may pass.
@@ -75,28 +72,26 @@ struct Block {
 }
 
 impl Block {
-    /// Memory that it takes at most, bytes.
-    fn bytes(block: &Option<Self>) -> usize {
-        let Some(block) = block else { return 0 };
-        let leaf = size_of::<[f32; VOXELS]>();
-        block.surface.bytes()
-            + block.leaves.len() * leaf
-            + block.inside.len() * 2 * size_of::<[u64; 8]>()
+    /// Memory that it takes, bytes.
+    fn bytes(&self) -> usize {
+        let made = self.leaves.iter().filter(|leaf| leaf.get().is_some());
+        self.surface.bytes()
+            + made.count() * size_of::<[f32; VOXELS]>()
+            + self.inside.len() * 2 * size_of::<[u64; 8]>()
     }
 }
 
 impl Samples {
     /// Memory that they take, bytes.
-    fn bytes(samples: &Option<Self>) -> usize {
-        let Some(samples) = samples else { return 0 };
-        samples.values.len() * size_of::<[f32; VOXELS]>()
-            + samples.leaves.len() * size_of::<SampledLeaf>()
+    fn bytes(&self) -> usize {
+        self.values.len() * size_of::<[f32; VOXELS]>()
+            + self.leaves.len() * size_of::<SampledLeaf>()
     }
 }
 
 impl<'a> ClosestPointField<'a> {
-    /// Memory that kept blocks take at most, bytes, beyond a few for each thread.
-    pub const BYTES_KEPT: usize = 2 * MOST_BYTES;
+    /// Memory that kept blocks take, bytes: those of three kinds, and what is being made.
+    pub const BYTES_KEPT: usize = 4 * MOST_BYTES;
 
     /// The distance to the zero set of `source`, which needs distances of three voxels only. `bounds` is
     /// a field with the same zero set whose bounds hold as far as `reach`.
@@ -112,8 +107,16 @@ impl<'a> ClosestPointField<'a> {
             room: None,
             transform,
             reach,
-            blocks: Kept::new(BLOCKS_PER_THREAD, MOST_BYTES, Block::bytes),
-            samples: Kept::new(SAMPLES_PER_THREAD, MOST_BYTES, Samples::bytes),
+            samples: Kept::new(KEPT_PER_THREAD, MOST_BYTES, |samples| {
+                samples.as_ref().map_or(0, Samples::bytes)
+            }),
+            points: Kept::new(KEPT_PER_THREAD, MOST_BYTES, |points| {
+                let leaves = points.iter().flatten();
+                leaves.map(LeafPoints::bytes).sum()
+            }),
+            blocks: Kept::new(KEPT_PER_THREAD, MOST_BYTES, |block| {
+                block.as_ref().map_or(0, Block::bytes)
+            }),
         }
     }
 
@@ -186,38 +189,64 @@ impl<'a> ClosestPointField<'a> {
         Some(samples)
     }
 
+    /// The blocks of samples that a region meets.
+    fn samples_in(&self, region: Region) -> Vec<Made<Option<Samples>>> {
+        let blocks = region.cubes(BLOCK_EDGE);
+        let made = blocks.map(|o| self.samples.get(o, || self.sample(o)));
+        made.collect()
+    }
+
+    /// The points of the surface in the leaves of a block.
+    fn points_in(&self, origin: Coord) -> Option<Vec<LeafPoints>> {
+        let own = Region::cube(origin, BLOCK_EDGE);
+        let around = own.grown(LEAF);
+        let samples = self.samples_in(around);
+        let mut found: Vec<LeafRef<'_>> = Vec::new();
+        for samples in &samples {
+            let samples = samples.get()?.as_ref()?;
+            let banded = samples.leaves.iter().filter_map(|leaf| {
+                let (mask, number) = leaf.band?;
+                around.meets(leaf.origin, LEAF).then_some(LeafRef {
+                    origin: leaf.origin,
+                    mask,
+                    values: &samples.values[number],
+                })
+            });
+            found.extend(banded);
+        }
+        found.sort_unstable_by_key(|leaf| leaf.origin);
+        let h = self.transform.voxel_size();
+        Some(SurfacePoints::of_leaves(
+            found.len(),
+            |n| found[n],
+            |leaf| own.meets(leaf, LEAF),
+            (h, (BAND_HALF_WIDTH * h) as f32),
+        ))
+    }
+
     /// The points of the surface within reach of a block.
     fn make_block(&self, origin: Coord) -> Option<Block> {
         let h = self.transform.voxel_size();
         let own = Region::cube(origin, BLOCK_EDGE);
-        let reach = own.grown((self.reach / h).ceil() as i32 + STENCIL_MARGIN);
-        let around: Vec<_> = reach
-            .cubes(BLOCK_EDGE)
-            .map(|o| self.samples.get(o, || self.sample(o)))
-            .collect();
         let mut inside = HashMap::new();
-        let mut found: Vec<LeafRef<'_>> = Vec::new();
-        for samples in &around {
-            let samples = samples.get()?.as_ref()?;
-            for leaf in &samples.leaves {
-                if own.meets(leaf.origin, LEAF) {
-                    inside.insert(leaf.origin, leaf.inside);
-                }
-                if let Some((mask, number)) = leaf.band
-                    && reach.meets(leaf.origin, LEAF)
-                {
-                    found.push(LeafRef {
-                        origin: leaf.origin,
-                        mask,
-                        values: &samples.values[number],
-                    });
-                }
-            }
+        for samples in self.samples_in(own) {
+            let leaves = samples.get()?.as_ref()?.leaves.iter();
+            inside.extend(leaves.map(|leaf| (leaf.origin, leaf.inside)));
+        }
+        // A point lies up to a voxel beyond its leaf.
+        let reach = own.grown((self.reach / h).ceil() as i32 + 1);
+        let mut found: Vec<LeafPoints> = Vec::new();
+        for block in reach.cubes(BLOCK_EDGE) {
+            let points = self.points.get(block, || self.points_in(block));
+            let leaves = points.get()?.as_ref()?.iter();
+            found.extend(
+                leaves
+                    .filter(|leaf| reach.meets(leaf.origin, LEAF))
+                    .cloned(),
+            );
         }
         found.sort_unstable_by_key(|leaf| leaf.origin);
-        let background = (BAND_HALF_WIDTH * h) as f32;
-        let surface = SurfacePoints::in_one_thread(found.len(), |n| found[n], h, background);
-        let surface = surface.with_background(self.reach as f32);
+        let surface = SurfacePoints::joined(found, h as f32, self.reach as f32);
         let count = LEAVES_PER_EDGE.pow(3) as usize;
         Some(Block {
             surface,

@@ -18,8 +18,9 @@ const EDGE: usize = 17;
 const STRIDES: [usize; 3] = [EDGE * EDGE, EDGE, 1];
 /// Second differences of a point on or beside an edge are at least this, voxels.
 const MIN_BEND: f32 = 0.15;
-/// Second differences of voxels that define planes are at most this, voxels.
-const MAX_PLANE_BEND: f32 = 0.05;
+/// The norm of the second differences of voxels that define planes is at most this, voxels: those of a surface
+/// of a radius of 40 voxels.
+const MAX_PLANE_BEND: f32 = 0.025;
 /// Farthest that voxels which define planes lie from the surface, voxels.
 const MAX_DISTANCE: f32 = 1.2;
 /// Farthest that such points lie from their plane, voxels.
@@ -31,6 +32,9 @@ const OTHER_PLANE: [f32; 2] = [-0.93, 0.85];
 /// Farthest that a point lies from the surface of its wedge, voxels: where it crosses an edge of the lattice is
 /// found from distances to another plane.
 const MAX_OFF: f32 = 0.5;
+/// Voxels about a point whose values are compared with those of its wedge, and how far these may be off, voxels.
+const CHECKED: f32 = 1.5;
+const MAX_ERROR: f32 = 0.1;
 /// Farthest that a point lies from the edge or corner, voxels.
 const MAX_OFFSET: f32 = 12.0;
 
@@ -91,6 +95,31 @@ impl Wedge {
         let slope = Vec3::new(slope(0), slope(1), slope(2)) * 1f64.copysign(d);
         (d.abs(), slope.try_normalize(1e-9).unwrap_or(Vec3::x()))
     }
+
+    /// Whether the values about a point are those of its wedge: inside a convex one, outside a concave one, where
+    /// also the larger or lesser of two distances is that of the planes. A round edge has others.
+    fn agrees(&self, p: Vector, v: &[f32]) -> bool {
+        let range = |c: f32| {
+            let first = (c - CHECKED).ceil() as i32;
+            first..=(c + CHECKED).floor() as i32
+        };
+        for x in range(p[0]) {
+            for y in range(p[1]) {
+                for z in range(p[2]) {
+                    let [i, j, k] = [x, y, z].map(|c| (c + PAD) as usize);
+                    let value = v[i * STRIDES[0] + j * STRIDES[1] + k];
+                    if value * self.sign > 0.0 || value.abs() > MAX_DISTANCE {
+                        continue;
+                    }
+                    let at = [x, y, z].map(|c| c as f32);
+                    if (self.distance(difference(at, p)) - value).abs() > MAX_ERROR {
+                        return false;
+                    }
+                }
+            }
+        }
+        true
+    }
 }
 
 /// A point that may define a plane.
@@ -131,7 +160,7 @@ pub(super) fn find<'a>(
     }
     let samples = samples(&all, ends);
     for point in points.iter_mut().filter(|p| is_bent(p)) {
-        if let Some(wedge) = wedge(point.at, &samples) {
+        if let Some(wedge) = wedge(point.at, &samples).filter(|w| w.agrees(point.at, &all)) {
             point.wedge = wedges.len() as u32;
             wedges.push(wedge);
         }
@@ -149,8 +178,8 @@ fn gather<'a>(
     values: impl Fn(Coord) -> Option<&'a [f32]>,
     per_voxel: f32,
     background: f32,
-) -> Box<[f32; EDGE * EDGE * EDGE]> {
-    let mut all = Box::new([0.0; EDGE * EDGE * EDGE]);
+) -> Vec<f32> {
+    let mut all = vec![0.0; EDGE * EDGE * EDGE];
     let parts = [(-8, -PAD..0), (0, 0..8), (8, 8..EDGE as i32 - PAD)];
     let offset = |[x, y, z]: [i32; 3]| (x << 6 | y << 3 | z) as usize;
     for (dx, xs) in &parts {
@@ -183,7 +212,7 @@ fn gather<'a>(
 }
 
 /// Feet of the voxels in a range that lie next to the surface and whose differences reach across no edge.
-fn samples(v: &[f32; EDGE * EDGE * EDGE], [xs, ys, zs]: [[usize; 2]; 3]) -> Vec<Sample> {
+fn samples(v: &[f32], [xs, ys, zs]: [[usize; 2]; 3]) -> Vec<Sample> {
     let mut found = Vec::new();
     for x in xs[0]..xs[1] {
         for y in ys[0]..ys[1] {
@@ -193,9 +222,7 @@ fn samples(v: &[f32; EDGE * EDGE * EDGE], [xs, ys, zs]: [[usize; 2]; 3]) -> Vec<
                 if distance.abs() > MAX_DISTANCE {
                     continue;
                 }
-                let bends =
-                    |s: &usize| (v[at + s] - 2.0 * distance + v[at - s]).abs() > MAX_PLANE_BEND;
-                if STRIDES.iter().any(bends) {
+                if bend_squared(v, at) > MAX_PLANE_BEND.powi(2) {
                     continue;
                 }
                 let Some(normal) = unit(STRIDES.map(|s| 0.5 * (v[at + s] - v[at - s]))) else {
@@ -210,6 +237,16 @@ fn samples(v: &[f32; EDGE * EDGE * EDGE], [xs, ys, zs]: [[usize; 2]; 3]) -> Vec<
         }
     }
     found
+}
+
+/// The square of the norm of the second differences at a voxel: what bends along a diagonal shows in the mixed
+/// ones.
+fn bend_squared(v: &[f32], at: usize) -> f32 {
+    let pure = STRIDES.map(|s| v[at + s] - 2.0 * v[at] + v[at - s]);
+    let [x, y, z] = STRIDES;
+    let mixed = [(x, y), (y, z), (z, x)]
+        .map(|(s, t)| (v[at + s + t] - v[at + s - t] - v[at - s + t] + v[at - s - t]) / 4.0);
+    dot(pure, pure) + 2.0 * dot(mixed, mixed)
 }
 
 /// The planes that meet near a point; none where they are not two or three, or make no clear edge.

@@ -1,6 +1,6 @@
 //! The frequencies that a fit keeps: a ball, or all that samples of the period tell apart.
 //!
-//! N samples along every lattice vector tell the indices |k_i| < N/2 apart. An orbit below Nyquist is
+//! N samples along every lattice vector tell the indices `|k_i| < N/2` apart. An orbit below Nyquist is
 //! one all of whose members lie in that box. On skew lattices the group moves the box, so that a
 //! frequency in the box is dropped when one of its images is not; on square and cubic lattices the box
 //! is its own image. A band limit R keeps the ball |f| <= R instead, which must lie in the box.

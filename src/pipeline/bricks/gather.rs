@@ -41,7 +41,7 @@ pub(super) fn gather(
     clock.lap("mesh")?;
     if !is_brief {
         let walls = sampled_walls(yard, &solid)?;
-        let cut = CutFaces::new(&yard.stock, bench.scale.voxel_size);
+        let cut = CutFaces::new(yard.stock, bench.scale.voxel_size);
         report.add_walls(walls, yard.stock.thickness_asked(), &cut, yard.threads);
         clock.lap("walls")?;
     }

@@ -7,11 +7,11 @@ use super::super::inputs::Inputs;
 use super::super::sheets::SheetThickness;
 use super::super::varying::Setting;
 use super::Fill;
-use crate::recipe::{self, Recipe, TilingSection};
+use crate::recipe::{self, Length, Recipe, Size, TilingSection};
 
 impl Fill {
-    /// The thickness of sheets at the places: that of `[tiling]`, or the cells' own times the local size of
-    /// the elements.
+    /// The thickness of sheets at the places: that of `[tiling]`, or the cells' own, where bare numbers count
+    /// the local size of the elements.
     pub(super) fn sheet_thickness<'s>(
         &self,
         inputs: &mut Inputs,
@@ -30,9 +30,14 @@ impl Fill {
                 let own = self.palette.iter().enumerate().map(|(c, entry)| {
                     let weights = self.weights.get(at * count..(at + 1) * count);
                     let share = weights.map_or(1.0, |w| w[c] / w.iter().sum::<f64>());
-                    share * cell(&entry.name).thickness.map_or(0.0, |t| t.0)
+                    let thickness = match cell(&entry.name).thickness {
+                        Some(Size(Length::Bare(t))) => t * *value,
+                        Some(length) => length.resolve(recipe.scale()),
+                        None => 0.0,
+                    };
+                    share * thickness
                 });
-                *value *= own.sum::<f64>();
+                *value = own.sum::<f64>();
             }
             values
         };

@@ -142,10 +142,8 @@ fn symmetrized_by(
         error
     })?;
     let own = mesh.symmetries();
-    let found = sets.iter().find_map(|set| {
-        let is_own = |m: &Mat3| own.iter().any(|s| (s.matrix - m).amax() < SAME_MATRIX);
-        set.iter().all(is_own).then_some(set)
-    });
+    let is_own = |m: &Mat3| own.iter().any(|s| (s.matrix - m).amax() < SAME_MATRIX);
+    let found = sets.iter().find(|set| set.iter().all(is_own));
     let Some(set) = found else {
         return Err(a.fault(format!(
             "the mesh does not have the group {name} about its middle, along the axes x, y, z; found {} \

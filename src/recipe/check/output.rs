@@ -188,6 +188,14 @@ fn beams(
         ));
     }
     let tiling = sections.tiling.as_ref();
+    let is_round = tiling.is_some_and(|t| {
+        let cells = t.cells();
+        let mut cells = cells.iter().map(|name| sections.cell.get(*name));
+        cells.all(|c| c.is_some_and(|c| c.is_round(t) && c.graph.is_some()))
+    });
+    if is_round {
+        return Ok(());
+    }
     let alone = tiling.filter(|t| {
         t.cell.is_some()
             && t.level.is_none()

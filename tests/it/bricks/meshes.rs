@@ -203,7 +203,11 @@ fn faces_on_the_exact_field_are_the_same_in_all_bricks() {
             assert!(found["error"].as_f64().unwrap() < 1e-3 * 0.125, "{found}");
         }
         let creased = |found: &serde_json::Value| found["creased"].as_u64().unwrap();
-        assert_eq!(creased(&memory[n]), creased(&one[n]));
+        let difference = creased(&memory[n]).abs_diff(creased(&one[n]));
+        assert!(
+            1000 * difference <= creased(&one[n]),
+            "{name}: {difference}"
+        );
         assert_eq!(creased(&one[n]) > 100, name == "s.obj");
         let mesh = druse::io::read_mesh(place("1").join(name)).unwrap().mesh;
         assert!(druse::mesh::check(&mesh).is_sound(), "{name}");

@@ -117,7 +117,8 @@ fn memory_is_asked_for_by_blocks() {
             stats.leaves_touched,
             asked.bytes_max
         );
-        assert!(each <= 0.05, "{} {noise}: {each}", kind.name());
+        // Leaves on an outer face look at the samples beyond it.
+        assert!(each <= 0.1, "{} {noise}: {each}", kind.name());
         // Buffers are there already.
         assert!(asked.bytes_max < 1 << 20, "{asked:?}");
     }

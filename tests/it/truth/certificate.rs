@@ -41,7 +41,7 @@ fn report(cell: &str, mesh: &str, strict: bool) -> Result<Report, String> {
     let text = format!(
         "druse = 1\n[cell.c]\n{cell}\n[scaffold]\nfile = {:?}\n[tiling]\ncell = \"c\"\ncertificate = true\n\
          [band]\nvoxel_size = 0.1\n",
-        directory.path().join("w.vtk")
+        directory.path().join("w.vtk").display().to_string()
     );
     let options = RunOptions {
         strict,

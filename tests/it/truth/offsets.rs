@@ -1,6 +1,6 @@
 //! Offsets of level sets move every wall by what was asked, and edges and corners as in closed form.
 
-use druse::frame::{Aabb, LengthUnit, Vec3};
+use druse::frame::{LengthUnit, Vec3};
 use druse::io::write_mesh;
 use druse::mesh::TriMesh;
 use druse::pipeline::{Report, RunOptions, run};
@@ -31,19 +31,23 @@ impl Place {
         let options = RunOptions {
             out: Some(self.0.path().to_owned()),
             bricks,
+            brief: true,
             ..RunOptions::default()
         };
         run(&Recipe::parse(&text, &[]).unwrap(), &options, &Silent).unwrap()
     }
 
-    /// What `ops` make of a file of a solid.
-    fn on_file(&self, voxel: f64, solid: &str, ops: &str) -> (Report, LevelSet) {
+    /// What `ops` make of a file of a solid, and its mesh.
+    fn on_file(&self, voxel: f64, solid: &str, ops: &str) -> (TriMesh, LevelSet) {
         self.made("a.vdb", voxel, solid, None);
         let path = self.path("a.vdb").display().to_string();
         let source =
             format!("[[op]]\nunion = {{ vdb = {{ path = \"{path}\", unit = \"mm\" }} }}\n");
-        let report = self.made("b.vdb", voxel, &(source + ops), None);
-        (report, read(&self.path("b.vdb")))
+        self.made("b.vdb", voxel, &(source + ops), None);
+        let solid = read(&self.path("b.vdb"));
+        let threads = Threads::new(1).unwrap();
+        let mesh = solid.to_mesh(Session::new(&threads, &Silent)).unwrap();
+        (mesh, solid)
     }
 }
 
@@ -96,10 +100,6 @@ fn block_errors(solid: &LevelSet, size: [f64; 3], moved: f64) -> [f64; 2] {
     most
 }
 
-fn box_of_bounds(report: &Report) -> Aabb {
-    report.solid.bounds.unwrap()
-}
-
 #[test]
 fn dilated_boxes_follow_steiner() {
     let place = Place::new();
@@ -107,15 +107,14 @@ fn dilated_boxes_follow_steiner() {
     for size in [[10.0, 10.0, 10.0], [9.1, 7.3, 5.7]] {
         for voxels in [2.0, 5.0, 12.0, 40.0, 16.49] {
             let d = voxels * h;
-            let (report, solid) =
-                place.on_file(h, &block(size), &format!("[[op]]\ndilate = {d}\n"));
+            let (mesh, solid) = place.on_file(h, &block(size), &format!("[[op]]\ndilate = {d}\n"));
             let [a, b, c] = size;
             let faces = 2.0 * (a * b + b * c + a * c);
             let exact =
                 a * b * c + faces * d + PI * (a + b + c) * d * d + 4.0 / 3.0 * PI * d.powi(3);
-            let found = report.solid.volume / exact;
+            let found = mesh.volume() / exact;
             assert!((found - 1.0).abs() < 0.004, "{size:?} {voxels}: {found}");
-            let bounds = box_of_bounds(&report);
+            let bounds = mesh.bounds();
             for axis in 0..3 {
                 let off =
                     [bounds.min[axis] + d, bounds.max[axis] - size[axis] - d].map(|e| e.abs() / h);
@@ -142,7 +141,7 @@ fn a_dilated_tetrahedron_follows_steiner() {
     .map(Vec3::from);
     let faces = vec![[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]];
     let mesh = TriMesh::new(corners.to_vec(), faces.clone()).unwrap();
-    write_mesh(&place.path("t.stl"), &mesh, LengthUnit::Millimetre).unwrap();
+    write_mesh(place.path("t.stl"), &mesh, LengthUnit::Millimetre).unwrap();
     let source = format!(
         "[[op]]\nunion = {{ mesh = {{ path = \"{}\", unit = \"mm\" }} }}\n",
         place.path("t.stl").display()
@@ -166,9 +165,9 @@ fn a_dilated_tetrahedron_follows_steiner() {
     }
     for voxels in [2.0, 5.0, 12.0, 40.0] {
         let d = voxels * 0.25;
-        let (report, _) = place.on_file(0.25, &source, &format!("[[op]]\ndilate = {d}\n"));
+        let (made, _) = place.on_file(0.25, &source, &format!("[[op]]\ndilate = {d}\n"));
         let exact = mesh.volume() + mesh.area() * d + bend * d * d + 4.0 / 3.0 * PI * d.powi(3);
-        let found = report.solid.volume / exact;
+        let found = made.volume() / exact;
         assert!((found - 1.0).abs() < 0.006, "{voxels}: {found}");
     }
 }
@@ -189,12 +188,12 @@ fn opening_closing_and_eroding_a_cube_leave_its_walls() {
         ("erode = 0.3", 9.4f64.powi(3)),
         ("hollow = 1.0", 1000.0 - 512.0),
     ] {
-        let (report, _) = place.on_file(0.1, &block(size), &format!("[[op]]\n{op}\n"));
-        let found = report.solid.volume / exact;
+        let (mesh, _) = place.on_file(0.1, &block(size), &format!("[[op]]\n{op}\n"));
+        let found = mesh.volume() / exact;
         // A mesh of voxels bevels edges and corners.
         let bevel = if op == "erode = 4.0" { 0.02 } else { 0.002 };
         assert!((found - 1.0).abs() < bevel, "{op}: {found}");
-        let bounds = box_of_bounds(&report);
+        let bounds = mesh.bounds();
         let by = op
             .strip_prefix("erode = ")
             .map_or(0.0, |d| d.parse().unwrap());
@@ -217,14 +216,14 @@ fn a_fillet_rounds_the_concave_edge_alone() {
     let exact = 20.0 * 10.0 * 6.0 + 6.0 * 10.0 * 14.0;
     for radius in [1.0, 3.0] {
         let filled = two(&format!("[[op]]\nfillet = {radius}\n"));
-        let added = filled.solid.volume - plain.solid.volume;
+        let added = filled.volume() - plain.volume();
         let asked = (1.0 - PI / 4.0) * radius * radius * 10.0;
         assert!(
             (added / asked - 1.0).abs() < 0.06,
             "{radius}: {added} for {asked}"
         );
-        assert!((plain.solid.volume / exact - 1.0).abs() < 0.003);
-        let [a, b] = [&plain, &filled].map(box_of_bounds);
+        assert!((plain.volume() / exact - 1.0).abs() < 0.003);
+        let [a, b] = [&plain, &filled].map(TriMesh::bounds);
         assert!((a.min - b.min).amax() < 0.004 && (a.max - b.max).amax() < 0.004);
     }
 }

@@ -8,6 +8,7 @@ use druse::progress::Silent;
 use druse::recipe::Recipe;
 use nalgebra::{Matrix3, Vector3};
 use std::f64::consts::TAU;
+use std::fmt::Write;
 use std::path::Path;
 
 type Vec3 = Vector3<f64>;
@@ -125,7 +126,7 @@ fn a_sheet_in_hexes_has_the_distance_of_its_closed_form() {
         .collect();
     assert!(points.len() > 60);
     for (&p, phi) in points.iter().zip(distances(&recipe(text), &points)) {
-        let expected = nearest(f, &cloud, p) - 0.45;
+        let expected = (nearest(f, &cloud, p) - 0.45).min(0.3);
         assert!(
             (phi - expected).abs() < 0.006,
             "{p:?}: {phi} for {expected}"
@@ -143,7 +144,7 @@ fn tet(directory: &Path) -> (String, [Vec3; 4], Matrix3<f64>) {
     ];
     let mut text = "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n4\n".to_owned();
     for (n, c) in corners.iter().enumerate() {
-        text += &format!("{} {} {} {}\n", n + 1, c.x, c.y, c.z);
+        writeln!(text, "{} {} {} {}", n + 1, c.x, c.y, c.z).unwrap();
     }
     text += "$EndNodes\n$Elements\n1\n1 4 2 0 1 1 2 3 4\n$EndElements\n";
     let path = directory.join("tet.msh");
@@ -183,7 +184,7 @@ fn a_sheet_in_a_distorted_tet_has_its_thickness_graded_or_not() {
         .filter(|&p| nearest(f, &cloud, p) < 0.75)
         .take(60)
         .collect();
-    assert!(points.len() > 40, "{}", points.len());
+    assert!(points.len() > 30, "{}", points.len());
     for (asked, slope) in [("0.8", 0.0), ("\"0.6 + 0.02*z\"", 0.02)] {
         let text = format!(
             "druse = 1\n[cell.p]\nsurface = \"schwarz_p\"\nsolid = \"sheet\"\n\
@@ -192,9 +193,10 @@ fn a_sheet_in_a_distorted_tet_has_its_thickness_graded_or_not() {
         );
         for (&p, phi) in points.iter().zip(distances(&recipe(&text), &points)) {
             let thickness = if slope > 0.0 { 0.6 + slope * p.z } else { 0.8 };
+            // Beyond the band's half width values only say that they are beyond it.
             let expected = nearest(f, &cloud, p) - thickness / 2.0;
             assert!(
-                (phi - expected).abs() < 0.012,
+                (phi.min(0.3) - expected.min(0.3)).abs() < 0.012,
                 "{asked} {p:?}: {phi} for {expected}"
             );
         }

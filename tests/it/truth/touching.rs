@@ -18,7 +18,7 @@ fn report(voxel: f64, ops: &str) -> Report {
 /// A box by its ends along x, y, z.
 fn solid(word: &str, ends: [[f64; 2]; 3]) -> String {
     let size = ends.map(|[a, b]| b - a);
-    let centre = ends.map(|[a, b]| (a + b) / 2.0);
+    let centre = ends.map(|[a, b]| f64::midpoint(a, b));
     format!("[[op]]\n{word} = {{ box = {{ size = {size:?}, centre = {centre:?} }} }}\n")
 }
 

@@ -1,0 +1,210 @@
+//! Beams that end at the outer faces of a scaffold.
+
+use super::{Beams, Filled, Scratch, is_settled, without_band};
+use crate::field::{Field, Interval, LeafBits, Leaves, SampleLattice};
+use crate::frame::{Aabb, Vec3, WorldPoint};
+use crate::mesh::{MeshSolid, TriMesh};
+
+/// The common part of beams and of a scaffold: the greater of both distances.
+pub struct Cut<'a> {
+    beams: &'a Beams,
+    solid: &'a ScaffoldSolid,
+}
+
+/// The solid that the components of a scaffold fill together.
+pub struct ScaffoldSolid {
+    /// Those whose boxes do not meet share a mesh.
+    layers: Vec<MeshSolid>,
+}
+
+impl ScaffoldSolid {
+    /// The union of closed surfaces.
+    pub fn new(surfaces: impl IntoIterator<Item = TriMesh>) -> Self {
+        let mut layers: Vec<(Vec<Aabb>, Vec<TriMesh>)> = Vec::new();
+        for mesh in surfaces {
+            let own = mesh.bounds();
+            let slack = 1e-6 * own.half_diagonal();
+            let meets = |boxes: &[Aabb]| boxes.iter().any(|b| b.meets(own.dilated(slack)));
+            match layers.iter_mut().find(|l| !meets(&l.0)) {
+                Some(layer) => {
+                    layer.0.push(own);
+                    layer.1.push(mesh);
+                }
+                None => layers.push((vec![own], vec![mesh])),
+            }
+        }
+        let joined = |meshes: Vec<TriMesh>| {
+            let (mut points, mut triangles) = (Vec::new(), Vec::new());
+            for mesh in &meshes {
+                let first = points.len() as u32;
+                points.extend_from_slice(mesh.vertices());
+                triangles.extend(mesh.triangles().iter().map(|t| t.map(|v| v + first)));
+            }
+            TriMesh::new(points, triangles).ok()
+        };
+        let meshes = layers.into_iter().filter_map(|l| joined(l.1));
+        Self {
+            layers: meshes.map(MeshSolid::new).collect(),
+        }
+    }
+
+    /// Raises values to the distances from the scaffold, less `by`.
+    fn raise(&self, lattice: &SampleLattice<WorldPoint>, by: f32, out: &mut [f32]) {
+        let mut outer = vec![0.0; out.len()];
+        self.fill(lattice, &mut outer);
+        for (o, r) in out.iter_mut().zip(outer) {
+            *o = o.max(r - by);
+        }
+    }
+}
+
+impl Field for ScaffoldSolid {
+    type Point = WorldPoint;
+
+    fn value(&self, p: WorldPoint) -> f64 {
+        let all = self.layers.iter().map(|l| l.signed_distance(p.0));
+        all.fold(f64::INFINITY, f64::min)
+    }
+
+    fn value_and_gradient(&self, p: WorldPoint) -> (f64, Vec3) {
+        let layers = self.layers.iter().map(|l| l.value_and_gradient(p));
+        let least = layers.min_by(|a, b| a.0.total_cmp(&b.0));
+        least.unwrap_or((f64::INFINITY, Vec3::zeros()))
+    }
+
+    fn bound(&self, region: &Aabb) -> Interval {
+        let all = self.layers.iter().map(|l| l.bound(region));
+        all.fold(Interval::new(f64::INFINITY, f64::INFINITY), |a, b| {
+            Interval::new(a.lo.min(b.lo), a.hi.min(b.hi))
+        })
+    }
+
+    fn fill(&self, lattice: &SampleLattice<WorldPoint>, out: &mut [f32]) {
+        let Some((first, others)) = self.layers.split_first() else {
+            out.fill(f32::INFINITY);
+            return;
+        };
+        first.fill(lattice, out);
+        for layer in others {
+            let mut own = vec![0.0; out.len()];
+            layer.fill(lattice, &mut own);
+            for (o, v) in out.iter_mut().zip(own) {
+                *o = o.min(v);
+            }
+        }
+    }
+}
+
+impl<'a> Cut<'a> {
+    /// The beams within the scaffold.
+    pub fn new(beams: &'a Beams, solid: &'a ScaffoldSolid) -> Self {
+        Self { beams, solid }
+    }
+}
+
+impl Field for Cut<'_> {
+    type Point = WorldPoint;
+
+    fn value(&self, p: WorldPoint) -> f64 {
+        self.beams.value(p).max(self.solid.value(p))
+    }
+
+    fn value_and_gradient(&self, p: WorldPoint) -> (f64, Vec3) {
+        let own = self.beams.value_and_gradient(p);
+        let outer = self.solid.value_and_gradient(p);
+        if outer.0 > own.0 { outer } else { own }
+    }
+
+    fn bound(&self, region: &Aabb) -> Interval {
+        let (own, outer) = (self.beams.bound(region), self.solid.bound(region));
+        Interval::new(own.lo.max(outer.lo), own.hi.max(outer.hi))
+    }
+
+    fn fill(&self, lattice: &SampleLattice<WorldPoint>, out: &mut [f32]) {
+        self.beams.fill(lattice, out);
+        let least = out.iter().copied().fold(f32::INFINITY, f32::min);
+        if self.solid.bound(&lattice.span()).hi > f64::from(least) {
+            self.solid.raise(lattice, 0.0, out);
+        }
+    }
+
+    fn fill_leaves(&self, leaves: &mut Leaves<'_, WorldPoint>) -> Option<u64> {
+        let (by, background) = (f64::from(leaves.by), f64::from(leaves.background));
+        let step = leaves.step;
+        if !is_settled(background, step) {
+            return None;
+        }
+        let mut scratch = Scratch::new();
+        let (mut kept, mut evaluated) = (0, 0);
+        for (n, &origin) in leaves.origins.iter().enumerate() {
+            let values = &mut leaves.values[kept];
+            let lattice = SampleLattice {
+                origin,
+                step,
+                counts: [8; 3],
+            };
+            let found = self
+                .beams
+                .leaf(origin.0, step, (by, background), values, &mut scratch);
+            let with_layer = lattice.span().dilated(step);
+            let ends = match found {
+                Filled::Outside => Interval::ALL,
+                _ => self.solid.bound(&with_layer),
+            };
+            let is_out = matches!(found, Filled::Outside) || ends.lo - by >= background;
+            let is_whole = ends.hi - by <= -background;
+            leaves.bits[n] = if is_out {
+                without_band(false)
+            } else if is_whole && matches!(found, Filled::Inside) {
+                without_band(true)
+            } else {
+                evaluated += 512;
+                if matches!(found, Filled::Inside) {
+                    values.fill(-leaves.background);
+                }
+                if !is_whole {
+                    self.solid.raise(&lattice, leaves.by, values);
+                }
+                LeafBits {
+                    settled: true,
+                    ..LeafBits::look_at(values, leaves.background)
+                }
+            };
+            kept += usize::from(!leaves.bits[n].is_out());
+        }
+        Some(evaluated)
+    }
+
+    fn sides(&self, first: WorldPoint, step: f64, band: [f64; 2]) -> Option<[u64; 2]> {
+        let [mut inside, mut outside] = self.beams.sides(first, step, band)?;
+        let cube = |corner: Vec3, edge: f64| {
+            let far = corner.add_scalar((edge - 1.0) * step);
+            Aabb::of([corner, far]).dilated(step)
+        };
+        if outside == u64::MAX {
+            return Some([inside, outside]);
+        }
+        let whole = self.solid.bound(&cube(first.0, 32.0));
+        if whole.hi <= band[0] {
+            return Some([inside, outside]);
+        }
+        if whole.lo >= band[1] {
+            return Some([0, u64::MAX]);
+        }
+        for n in 0..64u32 {
+            let bit = 1 << n;
+            if outside & bit != 0 {
+                continue;
+            }
+            let at = [n >> 4, n >> 2 & 3, n & 3].map(|c| f64::from(c) * 8.0 * step);
+            let outer = self.solid.bound(&cube(first.0 + Vec3::from(at), 8.0));
+            if outer.lo >= band[1] {
+                outside |= bit;
+            }
+            if outer.hi > band[0] {
+                inside &= !bit;
+            }
+        }
+        Some([inside, outside])
+    }
+}

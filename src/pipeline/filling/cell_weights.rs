@@ -1,0 +1,51 @@
+//! The weights of a tiling's cells at points of elements, whatever the cells are made of.
+
+use super::super::error::RunError;
+use super::Fill;
+use crate::frame::CellPoint;
+use crate::tiling::{TilingError, Weights};
+
+/// Weights of the palette's cells at points.
+pub(in super::super) struct CellWeights<'a> {
+    /// `None` for one cell, whose weight is 1.
+    weights: Option<Weights<'a>>,
+    count: usize,
+}
+
+impl Fill {
+    /// The weights of the palette's cells.
+    pub fn cell_weights(&self) -> Result<CellWeights<'_>, RunError> {
+        let count = self.palette.len();
+        let scaffold = &self.loaded.scaffold;
+        let is_single = count < 2 || self.weights.is_empty();
+        let failed = |e: TilingError| RunError::Tiling(e.to_string());
+        let weights = (!is_single).then(|| {
+            let values = self.weights.clone();
+            Weights::new(scaffold, self.interpolation, count, values).map_err(failed)
+        });
+        Ok(CellWeights {
+            weights: weights.transpose()?,
+            count,
+        })
+    }
+}
+
+impl CellWeights<'_> {
+    /// Whether there is one cell only.
+    pub fn is_single(&self) -> bool {
+        self.weights.is_none()
+    }
+
+    /// The weights at a point of an element; those beyond the palette are 0.
+    pub fn at(&self, element: usize, xi: CellPoint<3>) -> [f64; 8] {
+        match &self.weights {
+            Some(weights) => weights.at(element, xi),
+            None => std::array::from_fn(|n| f64::from(u8::from(n == 0))),
+        }
+    }
+
+    /// The weights of the palette's cells, in its order.
+    pub fn list(&self, element: usize, xi: CellPoint<3>) -> Vec<f64> {
+        self.at(element, xi)[..self.count].to_vec()
+    }
+}
