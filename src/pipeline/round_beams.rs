@@ -2,11 +2,10 @@
 //!
 //! A strut has the diameter asked for whatever its element does to the cell. Diameters are evaluated along
 //! the struts themselves, not at the elements' corners. In a transition a part has the diameter asked for
-//! times the sum of the weights of the cells that have it: parts of one cell taper off with its weight, down to
-//! two voxels, and parts that all cells have keep their diameter. The solid is a union of balls throughout,
-//! so it is continuous whatever the weights are.
-//!
-//! `fillet` rounds the corners where struts meet; of several cells the greatest counts.
+//! times the sum of the weights of the cells that have it. Parts of one cell taper off with its weight, down
+//! to two voxels or half of what is asked, and end where the cell has no weight; parts that all cells have
+//! keep their diameter. The solid is a union of balls throughout, so it is continuous whatever the weights
+//! are.
 //!
 //! Graphs and other cells cannot be mixed in one tiling as beams; there graphs stay fitted.
 

@@ -129,6 +129,26 @@ fn dilated_boxes_follow_steiner() {
     }
 }
 
+/// Farther than a surface is moved at once.
+#[test]
+fn a_long_way_is_gone_in_steps() {
+    let place = Place::new();
+    let (edge, d): (f64, f64) = (3.0, 15.0);
+    let ops = format!("[[op]]\ndilate = {d}\n");
+    let (mesh, _) = place.on_file(0.25, &block([edge; 3]), &ops);
+    let exact = edge.powi(3)
+        + 6.0 * edge.powi(2) * d
+        + 3.0 * PI * edge * d.powi(2)
+        + 4.0 / 3.0 * PI * d.powi(3);
+    let found = mesh.volume() / exact;
+    assert!((found - 1.0).abs() < 0.002, "{found}");
+    let bounds = mesh.bounds();
+    for axis in 0..3 {
+        let off = [bounds.min[axis] + d, bounds.max[axis] - edge - d];
+        assert!(off.iter().all(|e| e.abs() < 0.01), "{off:?}");
+    }
+}
+
 #[test]
 fn a_dilated_tetrahedron_follows_steiner() {
     let place = Place::new();

@@ -60,6 +60,17 @@ fn walls_of_planes_are_as_thick_as_asked() {
     }
 }
 
+#[test]
+fn a_cell_asks_for_a_wall_in_units_of_length() {
+    let of_tiling = planes(0.3);
+    let own = of_tiling.replace("thickness = 0.3", "thickness = \"1.5mm\"");
+    let [by_share, by_length] = [of_tiling, own].map(|text| report(&text).solid.volume);
+    assert!(
+        (by_length / by_share - 1.0).abs() < 1e-9,
+        "{by_length} {by_share}"
+    );
+}
+
 fn schwarz(u: Vec3) -> f64 {
     u.map(|c| (TAU * c).cos()).sum()
 }

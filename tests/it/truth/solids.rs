@@ -5,7 +5,7 @@
 use crate::strategy::Noise;
 use druse::cell::{Caps, Placement, Source};
 use druse::field::{Field, Interval, LeafBits, Leaves, SampleLattice};
-use druse::frame::{Aabb, CellPoint, Element, Vec3, WorldPoint};
+use druse::frame::{Aabb, CellPoint, Element, LengthUnit, Vec3, WorldPoint};
 use druse::io::read_mesh;
 use druse::mesh::{MeshSolid, RepairKind, TriMesh, check};
 use druse::pipeline::{Report, RunOptions, run};
@@ -94,6 +94,29 @@ fn a_lattice_of_overlapping_beams_is_one_piece_without_voids() {
     assert_eq!((found.solid.components, found.solid.filled_voids), (1, 0));
     assert_eq!(codes(&found), ["W113"]);
     assert!(found.warnings[0].message.contains("54 of 54 shells"));
+}
+
+#[test]
+fn an_open_baffle_does_not_cut() {
+    let whole = Aabb {
+        min: Vec3::zeros(),
+        max: Vec3::repeat(10.0),
+    };
+    // One ends inside, one goes from wall to wall.
+    for [low, high] in [[2.0, 8.0], [0.0, 10.0]] {
+        let corners = [[low, low], [high, low], [high, high], [low, high]];
+        let corners = corners.map(|[y, z]| Vec3::new(5.0, y, z));
+        let baffle = TriMesh::new(corners.to_vec(), vec![[0, 1, 2], [0, 2, 3]]).unwrap();
+        let directory = tempfile::tempdir().unwrap();
+        let file = directory.path().join("baffle.stl");
+        let mesh = joined(&[TriMesh::cuboid(&whole), baffle]);
+        druse::io::write_mesh(&file, &mesh, LengthUnit::Millimetre).unwrap();
+        let file = file.display().to_string();
+        let found = report(0.1, &format!("[[op]]\nunion = {{ mesh = {file:?} }}\n"));
+        assert_eq!(found.solid.components, 1);
+        assert_near(found.solid.volume, 1000.0, 0.002);
+        assert_near(found.solid.area, 600.0, 0.015);
+    }
 }
 
 #[test]

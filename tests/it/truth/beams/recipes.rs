@@ -46,6 +46,69 @@ fn bricks_make_the_bytes_that_memory_makes() {
     }
 }
 
+/// Plates on all faces of random tets: inside a tet the nearest face is a wall's middle, or an outer face.
+#[test]
+fn plates_are_as_thick_as_asked() {
+    let directory = tempfile::tempdir().unwrap();
+    let scaffold = random_tets();
+    let file = written(&scaffold, directory.path());
+    let text = recipe(
+        "plates = \"face_plates\"",
+        &file,
+        "cell = \"s\"\nthickness = 0.8",
+        0.1,
+    );
+    let outer = Aabb {
+        min: Vec3::zeros(),
+        max: Vec3::repeat(12.0),
+    };
+    let points = points_in(outer, 2000);
+    let recipe = parse(&text);
+    let options = RunOptions::default();
+    let probe = Probe::new(&recipe, &options, &Silent).unwrap();
+    let found = probe.evaluate(&points, false).unwrap();
+    let nodes = |e: usize| {
+        let all = scaffold.element(e).nodes().iter();
+        all.map(|&n| scaffold.nodes()[n as usize])
+            .collect::<Vec<Vec3>>()
+    };
+    let mut counted = 0;
+    for (p, found) in points.iter().zip(&found) {
+        let p = Vec3::from(*p);
+        let walls = (0..scaffold.len()).flat_map(|e| {
+            let n = nodes(e);
+            [[0, 1, 2], [0, 1, 3], [0, 2, 3], [1, 2, 3]].map(|f| f.map(|i| n[i]))
+        });
+        let nearest = walls.map(|wall| to_triangle(p, wall));
+        let nearest = nearest.fold(f64::INFINITY, f64::min);
+        let to_outside = p
+            .iter()
+            .map(|c| c.min(12.0 - c))
+            .fold(f64::INFINITY, f64::min);
+        let expected = (nearest - 0.4).max(-to_outside).clamp(-0.3, 0.3);
+        // Where walls overlap the depth is that of the deepest; an outer face ends it.
+        assert!(
+            (found.distance - expected).abs() < 1e-6,
+            "{p:?}: {} for {expected}",
+            found.distance
+        );
+        counted += usize::from(expected < 0.3);
+    }
+    assert!(counted > 500);
+}
+
+/// The distance to a triangle: to its plane where the foot lies in it, else to its sides.
+fn to_triangle(p: Vec3, [a, b, c]: [Vec3; 3]) -> f64 {
+    let normal = (b - a).cross(&(c - a)).normalize();
+    let sides = [[a, b], [b, c], [c, a]];
+    let is_inside = |[u, v]: &[Vec3; 2]| (v - u).cross(&(p - u)).dot(&normal) >= 0.0;
+    if sides.iter().all(is_inside) {
+        return (p - a).dot(&normal).abs();
+    }
+    let sides = sides.map(|side| super::to_segment(p, side));
+    sides.into_iter().fold(f64::INFINITY, f64::min)
+}
+
 #[test]
 fn shared_struts_count_once() {
     let scaffold = "box = { size = [9, 9, 9], cell_size = 3 }";
