@@ -1,7 +1,7 @@
 //! The struts and plates of cells, mapped through the elements of a scaffold.
 //!
 //! A strut is straight in an affine element and a polyline in a curved one, bisected until its chords leave
-//! the curve by no more than the error asked for. Parts that neighbours share, on faces and edges, count
+//! the curve by no more than the given error. Parts that neighbours share, on faces and edges, count
 //! once: those whose corners coincide to 1e-7 of the scaffold's size. A part ends at the faces of its element.
 
 use crate::frame::{CellPoint, Element, Mat3, Vec3};

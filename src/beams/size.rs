@@ -1,6 +1,6 @@
 //! Diameters along the struts of a network, thicknesses over its plates.
 //!
-//! A beam's radius is linear along it. Where the diameter asked for is not, the strut is bisected, down to an
+//! A beam's radius is linear along it. Where the requested diameter is not, the strut is bisected, down to an
 //! eighth of its length, until the radius follows within the tolerance; a plate is cut into sixteen parts.
 
 use super::network::{Facet, Strut, divided};

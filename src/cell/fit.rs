@@ -115,7 +115,7 @@ pub fn fit_samples(
 }
 
 /// The least squares of samples over one whole period, [`fit_samples`] but for its name in the report and
-/// the penalty if one is asked for: over the period the waves are orthogonal.
+/// the penalty if the options have one: over the period the waves are orthogonal.
 ///
 /// # Errors
 /// As [`fit_samples`].

@@ -53,7 +53,7 @@ struct Samples {
     values: Vec<[f32; VOXELS]>,
 }
 
-/// A leaf of which the source's signs are known.
+/// A leaf with the signs of the source's values in it.
 struct SampledLeaf {
     origin: Coord,
     /// Which voxels lie inside.

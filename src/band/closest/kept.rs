@@ -1,4 +1,4 @@
-//! Things that are made on demand by their place, of which a few are kept.
+//! A cache of values by position: the first request computes a value, the least recently used ones are dropped.
 
 use crate::frame::Coord;
 use std::collections::HashMap;
@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 /// A thing that is made by the first who asks for it.
 pub(super) type Made<T> = Arc<OnceLock<T>>;
 
-/// What is kept, by place; the ones that were not asked for the longest go when they take too much memory.
+/// A cache of values by position. The least recently used ones are dropped when all take too much memory.
 pub(super) struct Kept<T> {
     state: Mutex<State<T>>,
     /// How many are kept for each thread, whatever memory they take.

@@ -12,7 +12,7 @@ use crate::frame::{Coord, Vec3};
 
 /// Farthest that planes are looked for, voxels along each axis.
 const WINDOW: f32 = 3.0;
-/// Voxels before and behind a leaf that are looked at: the window, and one for differences.
+/// Voxels that are read beyond each face of a leaf: the window, and one for differences.
 const PAD: i32 = 4;
 const EDGE: usize = 17;
 const STRIDES: [usize; 3] = [EDGE * EDGE, EDGE, 1];

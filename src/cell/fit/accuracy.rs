@@ -51,7 +51,7 @@ fn affordable(cell: &Cell, wanted: usize, least: usize) -> usize {
     wanted.min((most as usize).max(least))
 }
 
-/// The same for parts of an edge of each flag, n of which have about n^3/6 points.
+/// The same for edges of flags: an edge cut into n parts has about n^3/6 points.
 fn affordable_parts(cell: &Cell, domain: &Domain, wanted: usize, least: usize) -> usize {
     let most = affordable(cell, usize::MAX, 1) as f64 / domain.flags.len() as f64;
     wanted.min((libm::cbrt(6.0 * most) as usize).max(least))

@@ -13,6 +13,19 @@ use std::f64::consts::TAU;
 /// How near to a face a point lies on it.
 const ON_FACE: f64 = 1e-9;
 
+/// Weights, and weights times values, of the samples at the places of a grid of `n` points an axis.
+pub(super) fn weighted<const D: usize>(n: usize, samples: &[GridSample<D>]) -> [Vec<f64>; 2] {
+    let mut weights = vec![0.0; n.pow(D as u32)];
+    let mut values = vec![0.0; weights.len()];
+    for s in samples {
+        for &place in &s.places {
+            weights[place] += s.weight;
+            values[place] += s.weight * s.value;
+        }
+    }
+    [weights, values]
+}
+
 /// A point of the grid with all its images.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct GridSample<const D: usize> {

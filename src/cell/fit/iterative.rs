@@ -8,7 +8,7 @@
 
 use super::super::Constraint;
 use super::FitError;
-use super::grid::GridSample;
+use super::grid::{GridSample, weighted};
 use super::on_grid::products;
 use super::transform::{Spectrum, Transform};
 
@@ -99,14 +99,7 @@ pub(super) fn conjugate_gradients<const D: usize>(
     kept: &[bool],
     progress: &dyn Progress,
 ) -> Result<(Vec<f64>, usize), FitError> {
-    let mut weights = vec![0.0; n.pow(D as u32)];
-    let mut values = vec![0.0; weights.len()];
-    for s in samples {
-        for &place in &s.places {
-            weights[place] += s.weight;
-            values[place] += s.weight * s.value;
-        }
-    }
+    let [weights, values] = weighted(n, samples);
     let penalty = basis
         .frequencies()
         .into_iter()

@@ -5,7 +5,7 @@
 
 use super::FitError;
 use super::band::needed_samples;
-use super::grid::{GridSample, grid_samples, grid_size};
+use super::grid::{GridSample, grid_samples, grid_size, weighted};
 use super::iterative::conjugate_gradients;
 use super::run::{Found, Job, SAMPLES_PER_WAVE, in_space, largest};
 use super::sampling::{Place, Target};
@@ -92,14 +92,7 @@ impl NormalEquations {
         regularisation: f64,
         progress: &dyn Progress,
     ) -> Result<Self, FitError> {
-        let mut weights = vec![0.0; n.pow(D as u32)];
-        let mut values = vec![0.0; weights.len()];
-        for s in samples {
-            for &place in &s.places {
-                weights[place] += s.weight;
-                values[place] += s.weight * s.value;
-            }
-        }
+        let [weights, values] = weighted(n, samples);
         let transform = Transform::new(n);
         let right = products(basis, &transform.forward(&values));
         let weights = Wrapped {

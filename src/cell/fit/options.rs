@@ -127,7 +127,7 @@ const MOST_DENSE: usize = 4000;
 const MOST_UNKNOWNS: usize = 40_000;
 const DENSE_BY_ITSELF: usize = 3000;
 /// Greatest number of unknowns whose matrix and its factor, 16 bytes for each of its entries, are held when
-/// neither is asked for: 1 GiB.
+/// neither is given: 1 GiB.
 const DENSE_ON_GRID: usize = 8000;
 
 impl FitOptions {
