@@ -38,6 +38,7 @@ mod plot;
 mod points;
 mod preview;
 mod progress;
+mod require;
 mod run;
 mod scaffold;
 mod schema;

@@ -50,6 +50,7 @@ pub use projection::{Fate, Projected, Projection};
 pub use quads::QuadMesh;
 pub(crate) use quads::cut;
 pub use repair::{Repair, RepairKind, ShellReport};
+pub use shells::bodies;
 pub use skin::{Side, Skin};
 pub use solid::MeshSolid;
 pub use soup::Closest;

@@ -48,6 +48,7 @@ mod plot;
 mod precision;
 mod probe;
 mod report;
+mod requirements;
 mod round_beams;
 mod scaffold;
 mod scatter;
@@ -78,6 +79,7 @@ pub use report::{
     Asked, BandReport, BricksReport, ContinuityReport, Input, MeshFacts, OffsetReport, OutputFile,
     Report, ScaffoldReport, SolidReport, Stage, ThicknessReport, Warning, Way,
 };
+pub use requirements::{Requirement, judge_level_set, judge_mesh};
 pub use source::{CellFault, enter_source};
 
 pub use slices::{SliceOptions, Sliced, slice};
@@ -86,6 +88,7 @@ use cut_faces::CutFaces;
 use operate::Bench;
 use stock::Stock;
 use thickness::{Lattice, Measured, Thickness, sampled_walls};
+use wall::Phase;
 
 /// How a recipe is run.
 #[derive(Clone, Debug, Default)]
@@ -158,7 +161,7 @@ pub fn run(
     clock.lap("estimate")?;
     if let Some(plan) = needs_bricks {
         let parts = bricks::run(&stock, plan, options, &threads, &outputs, &mut clock)?;
-        return conclude(stock, parts, &threads, &outputs, clock);
+        return conclude(stock, parts, (&threads, options.brief), &outputs, clock);
     }
 
     let mut bench = Bench::new(recipe, &threads, progress);
@@ -224,7 +227,7 @@ pub fn run(
         bricks: None,
         outputs: written,
     };
-    conclude(stock, parts, &threads, &outputs, clock)
+    conclude(stock, parts, (&threads, options.brief), &outputs, clock)
 }
 
 /// What a run has found and made.
@@ -239,7 +242,7 @@ struct Parts {
 fn conclude(
     mut stock: Stock,
     parts: Parts,
-    threads: &Threads,
+    (threads, is_brief): (&Threads, bool),
     outputs: &Targets,
     mut clock: Clock,
 ) -> Result<Report, RunError> {
@@ -271,6 +274,16 @@ fn conclude(
         continuity,
         ..stock.report()
     };
+    if let Some(require) = stock
+        .recipe
+        .sections()
+        .require
+        .as_ref()
+        .filter(|_| !is_brief)
+    {
+        report.solid.mass = requirements::mass(require, &report.solid, scale.unit);
+        report.requirements = requirements::judge(require, &report, scale);
+    }
     report.stages = clock.stages;
     report.peak_memory_bytes = memory::peak();
     for path in &outputs.reports {
@@ -284,7 +297,8 @@ fn conclude(
 /// Whether the recipe asks for its continuity to be measured.
 fn wants_certificate(recipe: &Recipe) -> bool {
     let tiling = recipe.sections().tiling.as_ref();
-    tiling.is_some_and(|t| t.certificate)
+    let require = recipe.sections().require.as_ref();
+    tiling.is_some_and(|t| t.certificate) || require.is_some_and(|r| r.value_jump_max.is_some())
 }
 
 fn threads(options: &RunOptions) -> Result<Threads, RunError> {
@@ -334,10 +348,15 @@ fn measure(
     if !wants_walls {
         return Ok(Some(mesh));
     }
-    let walls = sampled_walls(bench, &mesh, to_measure(bench, solid, &mesh)?)?;
+    let measured = to_measure(bench, solid, &mesh)?;
+    let walls = sampled_walls(bench, &mesh, measured, Phase::Solid)?;
     let cut = CutFaces::new(stock, bench.scale.voxel_size);
     report.add_walls(walls, stock.thickness_asked(), &cut, bench.threads);
     clock.lap("walls")?;
+    if let Some(require) = &stock.recipe.sections().require {
+        requirements::measure(require, bench, (solid, &mesh, measured), report)?;
+        clock.lap("requirements")?;
+    }
     Ok(Some(mesh))
 }
 

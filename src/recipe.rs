@@ -1,7 +1,7 @@
 //! The recipe: one TOML document from sources to files.
 //!
 //! Sections stand in the order of the pipeline: `[cell.NAME]`, `[scaffold]`, `[tiling]`, `[band]`,
-//! `[[op]]`, `[[output]]`. Each is one struct whose fields are the keys; their documentation is that of
+//! `[[op]]`, `[[output]]`, `[require]`. Each is one struct whose fields are the keys; their documentation is that of
 //! the key, of the JSON schema and of the command line's flag. Unknown keys are errors that name the
 //! nearest known one; every error has its line, or the override it came from.
 //!
@@ -36,6 +36,8 @@ mod op;
 mod operand;
 mod output;
 mod quantity;
+mod require;
+mod require_file;
 mod scaffold;
 mod source;
 mod tiling;
@@ -62,6 +64,8 @@ pub use output::{
 pub use quantity::{
     Finite, Fraction, HalfWidth, Length, Positive, QuantityError, Scale, Size, Unit, Width,
 };
+pub use require::RequireSection;
+pub use require_file::RequireFile;
 pub use scaffold::{
     BandSection, Boundary, BoxKind, BoxScaffold, CylinderScaffold, Distance, FillKind,
     FillScaffold, Plate, ScaffoldSection, Shell, SphereScaffold,
@@ -100,6 +104,8 @@ pub struct Sections {
     /// The files that are written.
     #[serde(default)]
     pub output: Vec<Output>,
+    /// What the finished part must fulfil.
+    pub require: Option<RequireSection>,
 }
 
 /// A valid recipe: its sections and its text.

@@ -92,7 +92,7 @@ pub use render::{Image, Picture};
 pub use render_parts::{VisitPart, render_parts};
 pub use sampled::{MOST_FINER, Placement, Sampled};
 pub use shape::{Mask, WallSide};
-pub use stored::{StoredRemoval, StoredSegments, stored_components};
+pub use stored::{StoredRemoval, StoredSegments, stored_components, stored_voids};
 pub use stream::{StoredFog, Streamed};
 pub use volume::Volume;
 pub use write::{Compression, VdbWriter, Written};

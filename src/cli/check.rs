@@ -4,6 +4,7 @@ use super::kind::FileKind;
 use super::{Answer, Failure, Session};
 use crate::io::read_mesh;
 use crate::mesh::MeshReport;
+use crate::progress::Threads;
 use crate::vdb;
 use clap::Args;
 use serde_json::{Value, json};
@@ -17,23 +18,36 @@ pub(super) struct Parameters {
     /// Worker threads [default: one per core].
     #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true)]
     threads: usize,
+    #[command(flatten)]
+    require: super::require::Parameters,
 }
 
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     let threads = super::session::threads(p.threads)?;
     match FileKind::of(&p.file, &[FileKind::Mesh, FileKind::Vdb])? {
-        FileKind::Vdb => level_sets(&p.file, vdb::Session::new(&threads, session)),
-        _ => threads.install(|| mesh(&p.file, session)),
+        FileKind::Vdb => level_sets(p, &threads, session),
+        _ => threads.install(|| mesh(p, session)),
     }
 }
 
-fn mesh(path: &Path, session: &Session) -> Result<Answer, Failure> {
+fn mesh(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
+    let path = &p.file;
+    let require = p.require.read()?;
     let file = read_mesh(path)?;
     let report =
         crate::mesh::check_with(&file.mesh, true, session).map_err(|_| Failure::stopped(130))?;
     let text = format!("{}\n{report}", path.display());
-    let passed = report.is_solid();
-    Ok(Answer::new(text, mesh_facts(path, &report)).verdict(passed))
+    let requirements = match &require {
+        Some(r) => p.require.judge_mesh(r, path, (&file, &report))?,
+        None => Vec::new(),
+    };
+    let facts = mesh_facts(path, &report);
+    Ok(super::require::add(
+        text,
+        facts,
+        report.is_solid(),
+        &requirements,
+    ))
 }
 
 /// What is known of a mesh, as an object.
@@ -71,7 +85,10 @@ pub(super) fn mesh_facts(path: &Path, r: &MeshReport) -> Value {
     facts
 }
 
-fn level_sets(path: &Path, session: vdb::Session<'_>) -> Result<Answer, Failure> {
+fn level_sets(p: &Parameters, threads: &Threads, shown: &Session) -> Result<Answer, Failure> {
+    let (path, session) = (&p.file, vdb::Session::new(threads, shown));
+    let require = p.require.read()?;
+    let mut requirements = Vec::new();
     let info = super::vdb::inspect(path)?;
     let unit = super::info::unit_of(&info);
     let mut text = format!("{}\n", path.display());
@@ -111,6 +128,10 @@ fn level_sets(path: &Path, session: vdb::Session<'_>) -> Result<Answer, Failure>
         let mut facts = serde_json::to_value(&check).unwrap_or_default();
         facts["name"] = json!(grid.name);
         facts["problems"] = json!(problems);
+        if let Some(require) = require.as_ref().filter(|_| requirements.is_empty()) {
+            let part = (path.as_path(), &solid, unit.as_str());
+            requirements = super::require::of_level_set(require, part, threads, shown)?;
+        }
         grids.push(facts);
     }
     if grids.is_empty() {
@@ -137,5 +158,5 @@ fn level_sets(path: &Path, session: vdb::Session<'_>) -> Result<Answer, Failure>
         "kind": "vdb", "path": path.display().to_string(), "unit": unit, "grids": grids,
         "content_hash": info.content_hash, "content_hash_as_recorded": same, "passed": passed,
     });
-    Ok(Answer::new(text, facts).verdict(passed))
+    Ok(super::require::add(text, facts, passed, &requirements))
 }

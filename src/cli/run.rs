@@ -152,7 +152,7 @@ pub(super) fn reported(report: &Report, session: &Session) -> Answer {
         }
     }
     session.note(&summary(report));
-    let lines: Vec<String> = report
+    let mut lines: Vec<String> = report
         .outputs
         .iter()
         .map(|o| {
@@ -163,8 +163,9 @@ pub(super) fn reported(report: &Report, session: &Session) -> Answer {
             format!("{}  {}{unit}", o.path, size(o.bytes))
         })
         .collect();
+    lines.extend(report.requirements.iter().map(ToString::to_string));
     let json = serde_json::to_value(report).unwrap_or_else(|e| json!({ "error": e.to_string() }));
-    Answer::new(lines.join("\n"), json)
+    Answer::new(lines.join("\n"), json).verdict(report.meets_requirements())
 }
 
 fn summary(report: &Report) -> String {

@@ -185,6 +185,16 @@ fn pair(triangles: &[[u32; 3]], edge: &[HalfEdge]) -> Option<[HalfEdge; 2]> {
     }
 }
 
+/// How many solid bodies the shells of a closed, consistently wound mesh without self-intersections bound,
+/// and how many cavities in them.
+pub fn bodies(mesh: &TriMesh) -> (u64, u64) {
+    let merged = mesh.merged();
+    let sides = HalfEdges::of(merged.triangles(), merged.vertices().len());
+    let shells = Shells::of(&merged, &sides).measured(&merged, &sides);
+    let cavities = shells.iter().filter(|s| s.volume < 0.0).count();
+    ((shells.len() - cavities) as u64, cavities as u64)
+}
+
 /// Which closed shells lie in which, and where boxes of shells meet.
 pub(crate) struct Nesting {
     /// The closed shells that each shell lies in.

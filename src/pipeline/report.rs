@@ -1,6 +1,7 @@
 //! What a run found and made: the content of `report.json`.
 
 use super::cut_faces::CutFaces;
+use super::requirements::Requirement;
 use super::wall::Sampled;
 use crate::frame::Aabb;
 use crate::progress::Threads;
@@ -51,6 +52,9 @@ pub struct Report {
     pub outputs: Vec<OutputFile>,
     /// What looked wrong.
     pub warnings: Vec<Warning>,
+    /// The requirements of the recipe; absent without any.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub requirements: Vec<Requirement>,
 }
 
 /// A file that was read.
@@ -119,6 +123,13 @@ impl From<&Certificate> for ContinuityReport {
 const CONTINUOUS: f64 = 1e-5;
 /// Faces of neighbours that are this share of their coordinates apart do not fit together.
 const APART: f64 = 1e-6;
+
+impl Report {
+    /// Whether every requirement is met.
+    pub fn meets_requirements(&self) -> bool {
+        self.requirements.iter().all(|r| r.met)
+    }
+}
 
 impl ContinuityReport {
     /// W114 if the field is not continuous, with the worst place and what to do about it.
@@ -238,6 +249,9 @@ pub struct SolidReport {
     pub volume_fraction_cell: Option<f64>,
     /// Pieces that do not touch.
     pub components: u64,
+    /// Enclosed cavities; where a requirement counts them.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub closed_cavities: Option<u64>,
     /// Pieces that `keep_largest` and `drop_small` removed.
     pub dropped_components: u64,
     /// Their volume.
@@ -251,6 +265,16 @@ pub struct SolidReport {
     pub least_wall: Option<f64>,
     /// Where it was found.
     pub least_wall_place: Option<[f64; 3]>,
+    /// First percentile of the diameters of the largest balls in the empty space that touch opposite walls;
+    /// where a requirement is on gaps. In bricks of those of at most 24 voxels.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub least_gap: Option<f64>,
+    /// Where it was found.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub least_gap_place: Option<[f64; 3]>,
+    /// Mass in grams; where a requirement gives the density.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub mass: Option<f64>,
     /// How thick its walls are beside what was asked.
     pub thickness: Option<ThicknessReport>,
     /// The box around it.
@@ -308,6 +332,13 @@ impl SolidReport {
         let wall = walls.least();
         self.least_wall = wall.map(|w| w.thickness);
         self.least_wall_place = wall.map(|w| w.place.into());
+    }
+
+    /// Notes what was found of the gaps between its walls.
+    pub(super) fn add_gaps(&mut self, gaps: Sampled) {
+        let gap = gaps.least();
+        self.least_gap = gap.map(|g| g.thickness);
+        self.least_gap_place = gap.map(|g| g.place.into());
     }
 
     /// Notes what an operation removed.

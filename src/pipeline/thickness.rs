@@ -14,7 +14,7 @@ use super::bins::Bins;
 use super::error::RunError;
 use super::operate::Bench;
 use super::sites::{Site, Sites};
-use super::wall::{BIN_EDGES, Ball, Sampled, SurfacePoint, Wall, ball_at};
+use super::wall::{BIN_EDGES, Ball, Phase, Sampled, SurfacePoint, Wall, ball_at};
 use crate::band::Region;
 use crate::frame::{Coord, Vec3};
 use crate::mesh::TriMesh;
@@ -95,10 +95,10 @@ struct Whole<'a> {
 }
 
 impl<'a> Whole<'a> {
-    fn new(mesh: &'a TriMesh, lattice: Lattice) -> Self {
+    fn new(mesh: &'a TriMesh, lattice: Lattice, phase: Phase) -> Self {
         Self {
             mesh,
-            outward: mesh.vertex_normals_by_area(),
+            outward: phase.outward(mesh.vertex_normals_by_area()),
             lattice,
         }
     }
@@ -143,7 +143,8 @@ pub(super) struct Thickness(Sites<f32>);
 impl Thickness {
     /// Measures it over the closed mesh of a solid in memory.
     pub fn of_mesh(bench: Bench, mesh: &TriMesh, solid: Measured) -> Result<Self, RunError> {
-        Self::new(bench, &Whole::new(mesh, solid.lattice), solid)
+        let surface = Whole::new(mesh, solid.lattice, Phase::Solid);
+        Self::new(bench, &surface, solid)
     }
 
     /// Measures it.
@@ -163,14 +164,15 @@ impl Thickness {
     }
 }
 
-/// Inscribed balls over the closed mesh of a solid in memory, enough to tell percentiles.
+/// Inscribed balls of one phase over the closed mesh of a solid in memory, enough to tell percentiles.
 pub(super) fn sampled_walls(
     bench: Bench,
     mesh: &TriMesh,
     solid: Measured,
+    phase: Phase,
 ) -> Result<Sampled, RunError> {
-    let surface = Whole::new(mesh, solid.lattice);
-    let walls = walls(bench, ("walls", SAMPLES), &surface, solid)?;
+    let surface = Whole::new(mesh, solid.lattice, phase);
+    let walls = walls(bench, (phase.stage(), SAMPLES), &surface, solid)?;
     let walls = walls.into_iter().map(|(_, wall)| wall);
     Ok(Sampled::of(walls.collect()))
 }
@@ -287,7 +289,8 @@ mod tests {
             extent: 10.0 * mesh.bounds().size().max(),
         };
         let bench = Bench::new(&recipe, &threads, &Silent);
-        sampled_walls(bench, mesh, solid).unwrap().least().unwrap()
+        let walls = sampled_walls(bench, mesh, solid, Phase::Solid).unwrap();
+        walls.least().unwrap()
     }
 
     /// A box of `size`, each face an n x n grid of quads.

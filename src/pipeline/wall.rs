@@ -26,8 +26,40 @@ const OPPOSITE: f64 = 0.766;
 const TURNED: f64 = -0.174;
 /// Edge of the cubes in which points of a surface are looked up, over the distance between them.
 pub(super) const BIN_EDGES: f64 = 8.0;
+/// Diameter of the thickest wall that is measured in bricks, voxels: opposite sides are looked for so far
+/// around a part.
+pub(super) const REACH: i32 = 24;
 /// A ball is inscribed if the surface reaches no deeper into it than this share of its radius.
 const DEPTH: f64 = 0.1;
+
+/// What is measured: the solid's walls, or the gaps between them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Phase {
+    /// Balls in the solid.
+    Solid,
+    /// Balls in the empty space.
+    Void,
+}
+
+impl Phase {
+    /// Name of the stage in which it is measured.
+    pub fn stage(self) -> &'static str {
+        match self {
+            Self::Solid => "walls",
+            Self::Void => "gaps",
+        }
+    }
+
+    /// Turns outward normals of the solid into those of this phase.
+    pub fn outward(self, mut normals: Vec<Vec3>) -> Vec<Vec3> {
+        if self == Self::Void {
+            for n in &mut normals {
+                *n = -*n;
+            }
+        }
+        normals
+    }
+}
 
 /// A wall's thickness and a place where it is found.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -77,10 +109,15 @@ pub(super) fn sampled(
     mesh: &TriMesh,
     samples: &[u32],
     widest: f64,
+    phase: Phase,
     progress: &dyn Progress,
 ) -> Result<Sampled, Cancelled> {
-    let found = balls(mesh, samples, widest, progress)?;
-    let thicker = found.iter().filter(|b| **b == Ball::Wider).count();
+    let found = balls(mesh, samples, widest, phase, progress)?;
+    // Most of the empty space has no opposite wall at all: only gaps that were found count.
+    let thicker = match phase {
+        Phase::Solid => found.iter().filter(|b| **b == Ball::Wider).count(),
+        Phase::Void => 0,
+    };
     let walls = found.into_iter().filter_map(Ball::inscribed);
     Ok(Sampled {
         walls: walls.collect(),
@@ -93,13 +130,14 @@ fn balls(
     mesh: &TriMesh,
     samples: &[u32],
     widest: f64,
+    phase: Phase,
     progress: &dyn Progress,
 ) -> Result<Vec<Ball>, Cancelled> {
-    let outward = mesh.vertex_normals_by_area();
+    let outward = phase.outward(mesh.vertex_normals_by_area());
     let points: Vec<SurfacePoint> = points(mesh, &outward).collect();
     let first = (mesh.area() / mesh.triangles().len().max(1) as f64).sqrt();
     let near = Bins::new(points.clone(), BIN_EDGES * first);
-    progress.stage("walls", Some(samples.len() as u64));
+    progress.stage(phase.stage(), Some(samples.len() as u64));
     samples
         .par_iter()
         .with_min_len(256)

@@ -12,6 +12,9 @@ use crate::frame::{LengthUnit, Transform};
 const MOST_CELLS: usize = 8;
 
 mod output;
+mod require;
+
+pub(super) use require::section as requirements;
 
 type Checked = Result<(), RecipeError>;
 
@@ -49,7 +52,8 @@ pub(super) fn check(sections: &Sections, source: &Source) -> Checked {
         }
     }
     start(sections, source)?;
-    output::outputs(sections, source)
+    output::outputs(sections, source)?;
+    require::with_recipe(sections, source)
 }
 
 fn cells(sections: &Sections, source: &Source) -> Checked {

@@ -125,6 +125,19 @@ pub fn stored_components(
     Ok(found.ranking.counted())
 }
 
+/// The cavities of a solid on the disk, largest first, as [`LevelSet::voids`] has them.
+///
+/// # Errors
+/// A leaf file that has changed, or cancelling.
+pub fn stored_voids(
+    store: &LeafStore,
+    voxel_size: f64,
+    session: Session<'_>,
+) -> Result<Vec<Piece>, FileError> {
+    let found = StoredPieces::find(store, Side::Void, voxel_size, false, session)?;
+    Ok(found.ranking.counted())
+}
+
 /// Pieces of a solid on the disk that are to be removed, brick by brick.
 pub struct StoredRemoval {
     chosen: Chosen,

@@ -3,6 +3,7 @@
 mod crystals;
 mod offsets;
 mod outputs;
+mod require;
 mod scaffolds;
 
 use druse::cell::{FitOptions, Placement, Skeleton, Source, fit_source};

@@ -111,7 +111,7 @@ pub fn merge_bricks(
         bricks.found_whole = bricks.count;
     }
     let directory = yard.directory.clone();
-    let report = conclude(stock, parts, &threads, &outputs, clock)?;
+    let report = conclude(stock, parts, (&threads, options.brief), &outputs, clock)?;
     // The bricks are the user's; what was made of them here is not needed again.
     clear(&directory, is_derived);
     Ok(report)

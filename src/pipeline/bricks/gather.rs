@@ -3,6 +3,7 @@
 use super::super::cut_faces::CutFaces;
 use super::super::error::RunError;
 use super::super::report::{BandReport, BricksReport, OutputFile, SolidReport};
+use super::super::wall::Phase;
 use super::super::{Clock, Parts, Targets, output};
 use super::Yard;
 use super::measure::{measure, picture};
@@ -10,7 +11,7 @@ use super::meshes::Meshes;
 use super::thickness::thickness;
 use super::volumes::Volumes;
 use super::walls::sampled_walls;
-use crate::vdb::stored_components;
+use crate::vdb::{stored_components, stored_voids};
 use std::path::Path;
 
 /// Opens all bricks, measures the solid and writes the outputs. `plan` is the plan's file, where the
@@ -27,6 +28,12 @@ pub(super) fn gather(
     let bench = solid.bricks.bench(yard, yard.progress);
     let pieces = stored_components(&solid.store, bench.scale.voxel_size, bench.session())?;
     clock.lap("pieces")?;
+    let require = recipe.sections().require.as_ref().filter(|_| !is_brief);
+    if require.is_some_and(|r| r.closed_cavities.is_some()) {
+        let cavities = stored_voids(&solid.store, bench.scale.voxel_size, bench.session())?;
+        report.closed_cavities = Some(cavities.len() as u64);
+        clock.lap("cavities")?;
+    }
     let thickness = if targets.want_thickness() {
         let thickness = thickness(yard, &solid)?;
         clock.lap("thickness")?;
@@ -40,10 +47,14 @@ pub(super) fn gather(
     let mut meshes = meshes.commit()?;
     clock.lap("mesh")?;
     if !is_brief {
-        let walls = sampled_walls(yard, &solid)?;
+        let walls = sampled_walls(yard, &solid, Phase::Solid)?;
         let cut = CutFaces::new(yard.stock, bench.scale.voxel_size);
         report.add_walls(walls, yard.stock.thickness_asked(), &cut, yard.threads);
         clock.lap("walls")?;
+    }
+    if require.is_some_and(|r| r.least_gap.is_some()) {
+        report.add_gaps(sampled_walls(yard, &solid, Phase::Void)?);
+        clock.lap("gaps")?;
     }
     let volumes = Volumes::new(yard, &solid, found.frame, thickness)?;
     if volumes.are_many() {

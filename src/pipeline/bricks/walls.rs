@@ -1,7 +1,7 @@
 //! The walls of a solid in bricks: measured in cubes spread over it, each with the surface around.
 
 use super::super::error::RunError;
-use super::super::wall::{self, Sampled};
+use super::super::wall::{self, Phase, REACH, Sampled};
 use super::later::part;
 use super::solid::StoredSolid;
 use super::{Quiet, Yard};
@@ -11,9 +11,6 @@ use crate::mesh::TriMesh;
 
 /// Edge of a cube, voxels. With what is around it has as many leaves as a block.
 const EDGE: i32 = 64;
-/// Voxels around a cube in which opposite sides of a wall are looked for: the diameter of the thickest
-/// wall that is measured.
-const REACH: i32 = 24;
 /// Voxels beyond, so that leaves at the rim have their neighbours.
 const RIM: i32 = 8;
 /// Cubes that are looked into at most: all of a solid that fills no more.
@@ -21,20 +18,26 @@ const CUBES: usize = 256;
 /// Samples that are wanted.
 const SAMPLES: f64 = 20_000.0;
 
-/// Inscribed balls over the surface up to [`REACH`] voxels of diameter. They do not depend on the bricks.
-pub(super) fn sampled_walls(yard: &Yard, solid: &StoredSolid) -> Result<Sampled, RunError> {
+/// Inscribed balls of one phase over the surface, up to [`REACH`] voxels of diameter. They do not depend
+/// on the bricks.
+pub(super) fn sampled_walls(
+    yard: &Yard,
+    solid: &StoredSolid,
+    phase: Phase,
+) -> Result<Sampled, RunError> {
     let store = &solid.store;
     let cubes: Vec<Region> = store.blocks().flat_map(cubes_of).collect();
     let stride = cubes.len().div_ceil(CUBES).max(1);
     let chosen: Vec<Region> = cubes.iter().step_by(stride).copied().collect();
-    yard.progress.stage("walls", Some(chosen.len() as u64));
+    yard.progress
+        .stage(phase.stage(), Some(chosen.len() as u64));
     // A unit of area crosses 1.5 edges of voxels in the mean, and has a band of both half widths.
     let half_width = solid.bricks.voxels.half_width;
     let points = 1.5 * store.active_voxels() as f64 / (2.0 * half_width * stride as f64);
     let each = (points / SAMPLES).ceil().max(1.0) as usize;
     let mut sampled = Sampled::default();
     for cube in chosen {
-        sampled.add(cube_walls(yard, solid, cube, each)?);
+        sampled.add(cube_walls(yard, solid, cube, (each, phase))?);
         yard.progress.advance(1);
     }
     Ok(sampled)
@@ -53,7 +56,7 @@ fn cube_walls(
     yard: &Yard,
     stored: &StoredSolid,
     cube: Region,
-    each: usize,
+    (each, phase): (usize, Phase),
 ) -> Result<Sampled, RunError> {
     let quiet = Quiet(yard.progress);
     let bench = stored.bricks.bench(yard, &quiet);
@@ -76,6 +79,6 @@ fn cube_walls(
         return Ok(Sampled::default());
     }
     let widest = h * f64::from(REACH) / 2.0;
-    let measure = || wall::sampled(&mesh, &samples, widest, &quiet);
+    let measure = || wall::sampled(&mesh, &samples, widest, phase, &quiet);
     Ok(yard.threads.install(measure)?)
 }

@@ -1,0 +1,124 @@
+//! `--require FILE` of `druse check`: a file's part against the requirements of another.
+
+use super::{Answer, Failure};
+use crate::frame::LengthUnit;
+use crate::io::MeshFile;
+use crate::mesh::{MeshReport, bodies};
+use crate::pipeline::{Requirement, judge_level_set, judge_mesh};
+use crate::progress::{Progress, Threads};
+use crate::recipe::RequireFile;
+use crate::vdb::LevelSet;
+use clap::Args;
+use serde_json::{Value, json};
+use std::path::{Path, PathBuf};
+
+#[derive(Args)]
+pub(super) struct Parameters {
+    /// Judge the part by the [require] section of this file, a recipe or a part of one.
+    #[arg(long, value_name = "TOML")]
+    require: Option<PathBuf>,
+    /// Unit of a mesh whose file states none; requirements need one.
+    #[arg(long, value_name = "UNIT", requires = "require")]
+    unit: Option<LengthUnit>,
+}
+
+impl Parameters {
+    /// The requirements, if any are given.
+    pub(super) fn read(&self) -> Result<Option<RequireFile>, Failure> {
+        let Some(path) = &self.require else {
+            return Ok(None);
+        };
+        let file = RequireFile::read(path)?;
+        let unknown = file.section.of_runs_only();
+        if !unknown.is_empty() {
+            let found = format!("found {}, which a file does not tell", unknown.join(", "));
+            return Err(
+                Failure::data(path, format!("{found}; expected requirements on the part"))
+                    .hint("druse run RECIPE judges these"),
+            );
+        }
+        Ok(Some(file))
+    }
+
+    /// Judges a mesh that is a solid.
+    pub(super) fn judge_mesh(
+        &self,
+        require: &RequireFile,
+        path: &Path,
+        (mesh, report): (&MeshFile, &MeshReport),
+    ) -> Result<Vec<Requirement>, Failure> {
+        let Some(unit) = self.unit.or(mesh.unit) else {
+            return Err(Failure::data(
+                path,
+                "found no unit of length; expected one, since requirements are lengths",
+            )
+            .hint("name it: --unit mm"));
+        };
+        let r = &require.section;
+        for (name, needs) in [
+            ("least_wall", r.least_wall.is_some()),
+            ("least_gap", r.least_gap.is_some()),
+        ] {
+            if needs {
+                let message =
+                    format!("found {name} required of a mesh; expected a level set for it");
+                return Err(Failure::data(path, message).hint(
+                    "druse voxelize MESH -o PART.vdb makes one, with voxels of a third of the wall",
+                ));
+            }
+        }
+        if !report.is_solid() {
+            return Err(Failure::data(
+                path,
+                "found a mesh that bounds no solid; expected a closed one without self-intersections",
+            )
+            .hint("druse check without --require says where; druse voxelize repairs it"));
+        }
+        Ok(judge_mesh(
+            require,
+            (report.volume, report.bounds, unit),
+            bodies(&mesh.mesh),
+        ))
+    }
+}
+
+/// Judges a level set whose unit a file names.
+pub(super) fn of_level_set(
+    require: &RequireFile,
+    (path, solid, unit): (&Path, &LevelSet, &str),
+    threads: &Threads,
+    progress: &dyn Progress,
+) -> Result<Vec<Requirement>, Failure> {
+    let unit = unit.parse().map_err(|_| {
+        Failure::data(
+            path,
+            format!("found the unit {unit:?}; expected one of length"),
+        )
+    })?;
+    Ok(judge_level_set(require, (solid, unit), threads, progress)?)
+}
+
+/// Lines of text about requirements.
+pub(super) fn lines(requirements: &[Requirement]) -> String {
+    let lines: Vec<String> = requirements.iter().map(ToString::to_string).collect();
+    lines.join("\n")
+}
+
+/// An answer with its requirements added; the exit code tells whether all are met.
+pub(super) fn add(
+    mut text: String,
+    mut facts: Value,
+    passed: bool,
+    requirements: &[Requirement],
+) -> Answer {
+    if !requirements.is_empty() {
+        if !text.ends_with('\n') {
+            text.push('\n');
+        }
+        text.push_str(&lines(requirements));
+        facts["requirements"] = json!(requirements);
+    }
+    let met = requirements.iter().all(|r| r.met);
+    facts["passed"] = json!(passed && met);
+    Answer::new(text, facts).verdict(passed && met)
+}

@@ -1,0 +1,52 @@
+//! A file of requirements for `druse check`: a recipe, or only its `unit` and `[require]`.
+
+use super::error::RecipeError;
+use super::quantity::{Scale, Unit};
+use super::require::RequireSection;
+use super::source::Source;
+use crate::frame::LengthUnit;
+use serde::Deserialize;
+use std::path::Path;
+
+/// Requirements and the unit of their bare lengths.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RequireFile {
+    /// Unit of lengths without one of their own.
+    pub unit: LengthUnit,
+    /// The requirements.
+    pub section: RequireSection,
+}
+
+/// What is read of the file; the other sections of a recipe may stand there too.
+#[derive(Deserialize)]
+struct Sections {
+    #[serde(default)]
+    unit: Unit,
+    require: Option<RequireSection>,
+}
+
+impl RequireFile {
+    /// Reads a file.
+    ///
+    /// # Errors
+    /// [`RecipeError`]: the file is missing, unreadable, or has no valid `[require]`.
+    pub fn read(path: &Path) -> Result<Self, RecipeError> {
+        let bytes = std::fs::read(path).map_err(|e| RecipeError::io(path, &e))?;
+        let text = String::from_utf8(bytes).map_err(|e| RecipeError::not_text(path, &e))?;
+        let mut source = Source::new(Some(path), text, &[]);
+        let sections: Sections = source.deserialize()?;
+        let Some(section) = sections.require.filter(|r| !r.is_empty()) else {
+            let message = "no requirement; expected a [require] section with at least one";
+            return Err(source
+                .fault("require", message)
+                .hint("for instance: [require] least_wall = \"0.4mm\""));
+        };
+        let unit = sections.unit.0;
+        let scale = Scale {
+            unit,
+            voxel_size: f64::NAN,
+        };
+        super::check::requirements(&section, scale, &source)?;
+        Ok(Self { unit, section })
+    }
+}
