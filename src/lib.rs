@@ -27,6 +27,7 @@ pub mod cell;
 pub mod cli;
 pub mod field;
 pub mod frame;
+pub mod guide;
 pub mod io;
 pub mod lanes;
 pub mod mesh;

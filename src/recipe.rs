@@ -36,6 +36,7 @@ mod op;
 mod operand;
 mod output;
 mod quantity;
+mod reference;
 mod require;
 mod require_file;
 mod scaffold;
@@ -64,6 +65,7 @@ pub use output::{
 pub use quantity::{
     Finite, Fraction, HalfWidth, Length, Positive, QuantityError, Scale, Size, Unit, Width,
 };
+pub use reference::reference;
 pub use require::RequireSection;
 pub use require_file::RequireFile;
 pub use scaffold::{

@@ -1,13 +1,22 @@
-//! `druse schema`: the recipe's JSON schema.
+//! `druse schema`: the recipe's JSON schema, or its reference for people.
 
 use super::{Answer, Failure, Session};
 use clap::Args;
 
 #[derive(Args)]
-pub(super) struct Parameters {}
+pub(super) struct Parameters {
+    /// Print the recipe reference as Markdown instead.
+    #[arg(long)]
+    reference: bool,
+}
 
 #[allow(clippy::unnecessary_wraps)] // every command answers alike
-pub(super) fn answer(_: &Parameters, _: &Session) -> Result<Answer, Failure> {
+pub(super) fn answer(p: &Parameters, _: &Session) -> Result<Answer, Failure> {
+    if p.reference {
+        let text = crate::recipe::reference();
+        let json = serde_json::json!({ "reference": text });
+        return Ok(Answer::new(text, json));
+    }
     let schema = crate::recipe::schema();
     Ok(Answer::new(format!("{schema:#}"), schema))
 }

@@ -21,6 +21,8 @@ mod tiling;
 #[cfg(feature = "vdb")]
 mod cli;
 #[cfg(feature = "vdb")]
+mod guide;
+#[cfg(feature = "vdb")]
 mod pipeline;
 #[cfg(feature = "vdb")]
 mod safety;
