@@ -11,6 +11,7 @@
 //! assert_eq!(e.to_string(), "part.ply: line 7: found \"abc\"; expected a number");
 //! assert_eq!(e.class().exit_code(), 65);
 //! ```
+#![doc = include_str!("guide/formats.md")]
 
 pub mod atomic;
 mod beams;
@@ -23,11 +24,13 @@ mod error;
 mod facets;
 mod graph;
 mod inp;
+mod medit;
 mod mesh_file;
 mod mesh_stream;
 mod mesh_view;
 mod msh;
 mod mtl;
+mod nastran;
 mod npy;
 mod obj;
 mod obj_groups;
@@ -40,6 +43,7 @@ mod stl;
 mod table;
 mod threemf;
 mod tokens;
+mod unv;
 mod vtk;
 
 pub use beams::{Beam, BeamLattice, write_beams};

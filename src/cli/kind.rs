@@ -20,7 +20,7 @@ pub(super) enum FileKind {
 }
 
 /// Extensions and what they mean.
-const TABLE: [(&str, FileKind); 14] = [
+const TABLE: [(&str, FileKind); 19] = [
     ("toml", FileKind::Recipe),
     ("cell", FileKind::Cell),
     ("stl", FileKind::Mesh),
@@ -33,6 +33,11 @@ const TABLE: [(&str, FileKind); 14] = [
     ("vtu", FileKind::Scaffold),
     ("vtk", FileKind::Scaffold),
     ("inp", FileKind::Scaffold),
+    ("bdf", FileKind::Scaffold),
+    ("nas", FileKind::Scaffold),
+    ("mesh", FileKind::Scaffold),
+    ("meshb", FileKind::Scaffold),
+    ("unv", FileKind::Scaffold),
     ("off", FileKind::Scaffold),
     ("vdb", FileKind::Vdb),
 ];

@@ -20,7 +20,8 @@ pub(super) struct Parameters {
 enum What {
     /// Kinds and number of elements, quality, inverted and degenerate elements, hanging nodes.
     Info {
-        /// The mesh: .msh, .vtu, .vtk or .inp; of surfaces also .off, .obj, .ply, .stl.
+        /// The mesh: .msh, .vtu, .vtk, .inp, .bdf, .nas, .mesh, .meshb or .unv; of surfaces also .off, .obj,
+        /// .ply, .stl.
         file: PathBuf,
         /// Write the elements with their quality for a look in ParaView or pyvista.
         #[arg(short, long, value_name = "X.vtu")]
@@ -192,6 +193,16 @@ fn fields_of(fields: &[DataField], text: &mut String) -> Vec<Value> {
     all
 }
 
+/// What a reader passed over or has to say.
+fn left_out(skipped: usize, notes: &[String], text: &mut String) {
+    if skipped > 0 {
+        let _ = writeln!(text, "{skipped} elements of other dimensions skipped");
+    }
+    for note in notes {
+        let _ = writeln!(text, "note: {note}");
+    }
+}
+
 fn describe_surface(path: &Path, file: &SurfaceFile) -> (String, Value) {
     let kinds = file.surface.kinds();
     let listed: Vec<String> = kinds
@@ -208,6 +219,7 @@ fn describe_surface(path: &Path, file: &SurfaceFile) -> (String, Value) {
     );
     let groups = groups_of(&file.groups, &mut text);
     let fields = fields_of(&file.fields, &mut text);
+    left_out(file.skipped, &file.notes, &mut text);
     let kinds: serde_json::Map<String, Value> = kinds
         .iter()
         .map(|(k, n)| (k.name().to_owned(), json!(n)))
@@ -215,7 +227,8 @@ fn describe_surface(path: &Path, file: &SurfaceFile) -> (String, Value) {
     let facts = json!({
         "kind": "surface", "path": path.display().to_string(), "elements": kinds,
         "nodes": file.surface.nodes().len(), "box": [min, max], "groups": groups,
-        "fields": fields, "skipped": file.skipped,
+        "fields": fields, "skipped": file.skipped, "unused_nodes": file.unused_nodes,
+        "notes": file.notes,
     });
     (text, facts)
 }
@@ -234,6 +247,7 @@ fn describe_solids(path: &Path, file: &ScaffoldFile) -> (String, Value) {
     let mut text = screen(path, &report);
     let groups = groups_of(&file.groups, &mut text);
     let fields = fields_of(&file.fields, &mut text);
+    left_out(file.skipped, &file.notes, &mut text);
     let facts = json!({
         "kind": "scaffold",
         "path": path.display().to_string(),
@@ -253,6 +267,8 @@ fn describe_solids(path: &Path, file: &ScaffoldFile) -> (String, Value) {
         "groups": groups,
         "fields": fields,
         "skipped": file.skipped,
+        "unused_nodes": file.unused_nodes,
+        "notes": file.notes,
         "warnings": report.warnings(),
     });
     for warning in report.warnings() {

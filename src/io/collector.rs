@@ -26,6 +26,8 @@ pub(super) struct Collector<'a> {
     /// Elements as the file counts them, those passed over included: what cell data belong to.
     pub cells: u64,
     pub skipped: usize,
+    /// What the reader has to say that is no fault of the file.
+    pub notes: Vec<String>,
 }
 
 /// The number of the first group that is known by its name only.
@@ -45,6 +47,7 @@ impl<'a> Collector<'a> {
             fields: Vec::new(),
             cells: 0,
             skipped: 0,
+            notes: Vec::new(),
         }
     }
 
@@ -187,6 +190,7 @@ impl<'a> Collector<'a> {
                 fields,
                 skipped,
                 unused_nodes,
+                notes: self.notes,
             }));
         }
         let scaffold = Scaffold::new(nodes, elements)
@@ -198,6 +202,7 @@ impl<'a> Collector<'a> {
             fields,
             skipped,
             unused_nodes,
+            notes: self.notes,
         })))
     }
 

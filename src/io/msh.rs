@@ -1,9 +1,11 @@
-//! Gmsh meshes, `.msh` 2.2 and 4.1, text and binary.
+//! Gmsh meshes, `.msh` 1, 2, 4.0 and 4.1, text and binary.
 //!
 //! Solid elements are kept, their nodes put into VTK order, or where there are none the surface
-//! elements; points and lines are counted and passed over. Physical volumes and surfaces become groups. Reading ends after `$Elements`: what
-//! may follow (periodic links, post-processing data) is no business of ours.
+//! elements; points and lines are counted and passed over. Physical volumes and surfaces become
+//! groups, data at nodes and elements become fields. Other sections (periodic links, ghost elements,
+//! comments) say nothing about the shape and are passed over.
 
+mod data;
 mod v2;
 mod v4;
 
@@ -38,6 +40,51 @@ const OTHERS: [(u32, u8, u8, &str); 19] = [
     (93, 3, 125, "hexahedron of order 4"),
 ];
 
+/// The same of elements of higher order that only Gmsh makes.
+const HIGH_ORDER: [(u32, u8, u8, &str); 41] = [
+    (32, 3, 22, "tetrahedron of order 4"),
+    (33, 3, 28, "tetrahedron of order 5"),
+    (36, 2, 16, "quadrangle"),
+    (37, 2, 25, "quadrangle"),
+    (38, 2, 36, "quadrangle"),
+    (39, 2, 12, "quadrangle"),
+    (40, 2, 16, "quadrangle"),
+    (41, 2, 20, "quadrangle"),
+    (42, 2, 28, "triangle"),
+    (43, 2, 36, "triangle"),
+    (44, 2, 45, "triangle"),
+    (45, 2, 55, "triangle"),
+    (46, 2, 66, "triangle"),
+    (47, 2, 49, "quadrangle"),
+    (48, 2, 64, "quadrangle"),
+    (49, 2, 81, "quadrangle"),
+    (50, 2, 100, "quadrangle"),
+    (51, 2, 121, "quadrangle"),
+    (52, 2, 18, "triangle"),
+    (53, 2, 21, "triangle"),
+    (54, 2, 24, "triangle"),
+    (55, 2, 27, "triangle"),
+    (56, 2, 30, "triangle"),
+    (57, 2, 24, "quadrangle"),
+    (58, 2, 28, "quadrangle"),
+    (59, 2, 32, "quadrangle"),
+    (60, 2, 36, "quadrangle"),
+    (61, 2, 40, "quadrangle"),
+    (62, 1, 7, "line"),
+    (63, 1, 8, "line"),
+    (64, 1, 9, "line"),
+    (65, 1, 10, "line"),
+    (66, 1, 11, "line"),
+    (71, 3, 84, "tetrahedron of order 6"),
+    (72, 3, 120, "tetrahedron of order 7"),
+    (73, 3, 165, "tetrahedron of order 8"),
+    (74, 3, 220, "tetrahedron of order 9"),
+    (90, 3, 40, "prism of order 3"),
+    (91, 3, 75, "prism of order 4"),
+    (118, 3, 30, "pyramid of order 3"),
+    (119, 3, 55, "pyramid of order 4"),
+];
+
 /// What an element type means to us.
 enum Type {
     Known(Kind),
@@ -50,11 +97,25 @@ const SURFACES: i64 = 1 << 32;
 
 /// The number of a physical group among those of all dimensions.
 fn group_of(dimension: u8, number: i64) -> i64 {
-    number.rem_euclid(SURFACES) + if dimension == 2 { SURFACES } else { 0 }
+    // A negative number says that the surface is turned.
+    number.unsigned_abs() as i64 % SURFACES + if dimension == 2 { SURFACES } else { 0 }
 }
 
 fn dimension(kind: Kind) -> u8 {
     kind.shape().dimension() as u8
+}
+
+/// The versions that are read, by what their sections look like.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Version {
+    /// `$NOD` and `$ELM`, from before 2004.
+    One,
+    /// 2.0 to 2.2.
+    Two,
+    /// 4.0, which has 32-bit numbers and no lists of node numbers.
+    Four0,
+    /// 4.1.
+    Four1,
 }
 
 /// Reads a `.msh` file.
@@ -66,46 +127,33 @@ pub fn read(path: &Path) -> Result<ElementFile, ReadError> {
         tokens: Tokens::new(Source::open(path)?),
         collector: Collector::new(path),
         names: BTreeMap::new(),
+        entities: v4::Entities::new(),
+        point_numbers: Vec::new(),
+        data: data::Sections::default(),
         binary: Encoding::Text,
+        version: Version::Two,
     };
-    let version = file.header()?;
+    let mut open = file.header()?;
     let (mut nodes, mut elements) = (false, false);
-    let mut entities = BTreeMap::new();
-    while !(nodes && elements) {
-        let Some(line) = file.tokens.line()? else {
-            let missing = if nodes { "$Elements" } else { "$Nodes" };
-            return Err(file
-                .text_error("the end of the file", missing)
-                .with_hint("the file looks truncated"));
+    loop {
+        let section = match open.take() {
+            Some(section) => section,
+            None => match file.tokens.line()? {
+                Some(line) => line.to_owned(),
+                None => break,
+            },
         };
-        let section = line.to_owned();
-        match (section.as_str(), version) {
-            ("$PhysicalNames", _) => file.physical_names()?,
-            ("$Entities", 4) => v4::entities(&mut file, &mut entities)?,
-            ("$PartitionedEntities", 4) => v4::partitioned_entities(&mut file, &mut entities)?,
-            ("$Nodes", 2) => v2::nodes(&mut file)?,
-            ("$Nodes", _) => v4::nodes(&mut file)?,
-            ("$Elements", 2) => v2::elements(&mut file)?,
-            ("$Elements", _) => v4::elements(&mut file, &entities)?,
-            (other, _) if other.starts_with('$') && !other.starts_with("$End") => {
-                file.skip(other)?;
-                continue;
-            }
-            _ => {
-                return Err(file.text_error(quote(&section), "a section, such as $Nodes"));
-            }
-        }
-        nodes |= section == "$Nodes";
-        elements |= section == "$Elements";
-        file.end(&section)?;
+        nodes |= matches!(section.as_str(), "$Nodes" | "$ParametricNodes" | "$NOD");
+        elements |= matches!(section.as_str(), "$Elements" | "$ELM");
+        file.section(&section)?;
     }
-    let names = file.names;
-    let name = |group| {
-        let number = group % SURFACES;
-        let named = names.get(&group).cloned();
-        named.or_else(|| Some(number.to_string()))
-    };
-    file.collector.finish(name)
+    if !(nodes && elements) {
+        let missing = if nodes { "$Elements" } else { "$Nodes" };
+        return Err(file
+            .text_error("the end of the file", missing)
+            .with_hint("the file looks truncated"));
+    }
+    file.finish()
 }
 
 /// A file being read.
@@ -114,18 +162,31 @@ struct File<'a> {
     collector: Collector<'a>,
     /// Names of physical groups by dimension and number.
     names: BTreeMap<i64, String>,
+    /// Physical groups of entities.
+    entities: v4::Entities,
+    /// The numbers of the nodes in the file's order, for data that names them.
+    point_numbers: Vec<u64>,
+    data: data::Sections,
     /// How numbers stand in sections that may be binary.
     binary: Encoding,
+    version: Version,
 }
 
 impl File<'_> {
-    /// The format section; gives the major version, 2 or 4.
-    fn header(&mut self) -> Result<u8, ReadError> {
+    /// The format section; gives the section after it where that had to be read to know.
+    fn header(&mut self) -> Result<Option<String>, ReadError> {
         let expected = "$MeshFormat, the first line of a Gmsh mesh";
-        let first = self.tokens.needed_line(expected)?;
+        let mut first = self.tokens.needed_line(expected)?.to_owned();
+        while first == "$Comments" {
+            self.skip(&first)?;
+            self.tokens.needed_line(expected)?.clone_into(&mut first);
+        }
+        if first == "$NOD" {
+            self.version = Version::One;
+            return Ok(Some(first));
+        }
         if first != "$MeshFormat" {
-            let found = quote(first);
-            let e = self.text_error(found, expected);
+            let e = self.text_error(quote(&first), expected);
             return Err(
                 e.with_hint("is this a Gmsh .msh file? Other programs use the extension too")
             );
@@ -136,12 +197,13 @@ impl File<'_> {
         let [version, kind, size] = words[..] else {
             return Err(self.text_error(quote(&line), expected));
         };
-        let major = match version {
-            "2" | "2.0" | "2.1" | "2.2" => 2,
-            "4.1" => 4,
+        self.version = match version {
+            "2" | "2.0" | "2.1" | "2.2" => Version::Two,
+            "4" | "4.0" => Version::Four0,
+            "4.1" => Version::Four1,
             _ => {
-                let e =
-                    self.text_error(format!("version {}", quote(version)), "version 2.2 or 4.1");
+                let found = format!("version {}", quote(version));
+                let e = self.text_error(found, "version 1, 2.0 to 2.2, 4.0 or 4.1");
                 return Err(e.with_hint("convert it: gmsh FILE -save -format msh41 -o OUT.msh"));
             }
         };
@@ -166,7 +228,52 @@ impl File<'_> {
             _ => return Err(self.text_error(quote(kind), "0 (text) or 1 (binary)")),
         }
         self.end("$MeshFormat")?;
-        Ok(major)
+        Ok(None)
+    }
+
+    /// One section, its end included.
+    fn section(&mut self, section: &str) -> Result<(), ReadError> {
+        use Version::{Four0, Four1, One, Two};
+        match (section, self.version) {
+            ("$PhysicalNames", _) => self.physical_names()?,
+            ("$Entities", Four0 | Four1) => v4::entities(self)?,
+            ("$PartitionedEntities", Four0 | Four1) => v4::partitioned_entities(self)?,
+            ("$NOD", One) | ("$Nodes", Two) => v2::nodes(self, false)?,
+            ("$ParametricNodes", Two) => v2::nodes(self, true)?,
+            ("$ELM", One) => v2::elements_of_version_1(self)?,
+            ("$Elements", Two) => v2::elements(self)?,
+            ("$Nodes", Four0 | Four1) => v4::nodes(self)?,
+            ("$Elements", Four0 | Four1) => v4::elements(self)?,
+            ("$NodeData" | "$ElementData" | "$ElementNodeData", _) => data::section(self, section)?,
+            (other, _) if other.starts_with('$') && !other.starts_with("$End") => {
+                return self.skip(other);
+            }
+            _ => {
+                return Err(self.text_error(quote(section), "a section, such as $Nodes"));
+            }
+        }
+        self.end(section)
+    }
+
+    /// A node, its number kept for data that names it.
+    fn point(&mut self, number: u64, at: [f64; 3]) {
+        self.point_numbers.push(number);
+        self.collector.point(number, at);
+    }
+
+    /// What all sections make.
+    fn finish(mut self) -> Result<ElementFile, ReadError> {
+        self.data
+            .at_points(&self.point_numbers, &mut self.collector);
+        let names = self.names;
+        let name = |group| {
+            let number = group % SURFACES;
+            let named = names.get(&group).cloned();
+            named.or_else(|| Some(number.to_string()))
+        };
+        let mut read = self.collector.finish(name)?;
+        self.data.at_elements(&mut read);
+        Ok(read)
     }
 
     /// An error about a line of text, whatever the file's encoding.
@@ -176,7 +283,7 @@ impl File<'_> {
 
     /// The line that ends a section.
     fn end(&mut self, section: &str) -> Result<(), ReadError> {
-        let expected = format!("$End{}", &section[1..]);
+        let expected = end_of(section);
         let line = self.tokens.needed_line(&expected)?;
         if line == expected {
             return Ok(());
@@ -187,8 +294,21 @@ impl File<'_> {
 
     /// Passes over a section that we do not know.
     fn skip(&mut self, section: &str) -> Result<(), ReadError> {
-        let end = format!("$End{}", &section[1..]);
-        while self.tokens.needed_line(&end)? != end {}
+        let end = end_of(section);
+        if self.binary == Encoding::Text {
+            while self.tokens.needed_line(&end)? != end {}
+            return Ok(());
+        }
+        // Binary numbers are no lines: look for the end byte by byte.
+        let mut matched = 0;
+        while matched < end.len() {
+            let [byte] = self.tokens.source.array(&end)?;
+            matched = if byte == end.as_bytes()[matched] {
+                matched + 1
+            } else {
+                usize::from(byte == b'$')
+            };
+        }
         Ok(())
     }
 
@@ -241,7 +361,7 @@ impl File<'_> {
             }
             _ => Place::Item("element", element),
         };
-        match OTHERS.iter().find(|row| row.0 == code) {
+        match OTHERS.iter().chain(&HIGH_ORDER).find(|r| r.0 == code) {
             Some((_, 0..=2, nodes, _)) => Ok(Type::Flat(*nodes as usize)),
             Some((.., name)) => Err(ReadError::data(
                 path,
@@ -271,5 +391,13 @@ impl File<'_> {
             .collect();
         self.collector
             .element(number, kind, &ordered[..nodes.len()], &groups);
+    }
+}
+
+/// The line that ends a section of this name.
+fn end_of(section: &str) -> String {
+    match section {
+        "$NOD" | "$ELM" => format!("$END{}", &section[1..]),
+        _ => format!("$End{}", &section[1..]),
     }
 }

@@ -1,6 +1,6 @@
 //! Scaffolds from files: what every format shares.
 
-use super::{Place, ReadError, facets, inp, msh, vtk};
+use super::{Place, ReadError, facets, inp, medit, msh, nastran, unv, vtk};
 use crate::frame::Aabb;
 use crate::scaffold::{Scaffold, Surface};
 use std::path::Path;
@@ -49,6 +49,8 @@ pub struct ScaffoldFile {
     pub skipped: usize,
     /// Nodes of the file that no solid element uses.
     pub unused_nodes: usize,
+    /// What was merged, renumbered or left out.
+    pub notes: Vec<String>,
 }
 
 /// A surface and what its file said beside it.
@@ -64,6 +66,8 @@ pub struct SurfaceFile {
     pub skipped: usize,
     /// Nodes of the file that no element uses.
     pub unused_nodes: usize,
+    /// What was merged, renumbered or left out.
+    pub notes: Vec<String>,
 }
 
 /// What a file of elements holds: solids if there are any, else a surface.
@@ -83,6 +87,14 @@ impl ElementFile {
             Self::Surface(f) => f.surface.bounds(),
         }
     }
+
+    /// What was merged, renumbered or left out.
+    pub fn notes(&self) -> &[String] {
+        match self {
+            Self::Solids(f) => &f.notes,
+            Self::Surface(f) => &f.notes,
+        }
+    }
 }
 
 /// The kinds that readers know, for messages.
@@ -90,7 +102,9 @@ pub(super) const KINDS_READ: &str =
     "Tet4, Tet10, Hex8, Hex20, Hex27, Wedge6, Wedge15, Wedge18 or Pyramid5";
 
 /// The extensions of files of elements.
-pub const ELEMENT_FORMATS: [&str; 8] = ["msh", "vtu", "vtk", "inp", "off", "obj", "ply", "stl"];
+pub const ELEMENT_FORMATS: [&str; 13] = [
+    "msh", "vtu", "vtk", "inp", "bdf", "nas", "mesh", "meshb", "unv", "off", "obj", "ply", "stl",
+];
 
 /// Reads the elements of a file by its extension, one of [`ELEMENT_FORMATS`].
 ///
@@ -105,6 +119,9 @@ pub fn read_elements(path: impl AsRef<Path>) -> Result<ElementFile, ReadError> {
         Some("vtu") => vtk::read_xml(path),
         Some("vtk") => vtk::read_legacy(path),
         Some("inp") => inp::read(path),
+        Some("bdf" | "nas") => nastran::read(path),
+        Some("mesh" | "meshb") => medit::read(path),
+        Some("unv") => unv::read(path),
         Some("off") => facets::read_off(path),
         Some("obj") => facets::read_obj(path),
         Some("ply" | "stl") => facets::read_triangles(path),

@@ -62,6 +62,11 @@ impl Surface {
         self.elements.len()
     }
 
+    /// The number of an element in its file; its place where the file gives none.
+    pub fn number(&self, element: usize) -> u64 {
+        self.numbers.get(element).copied().unwrap_or(element as u64)
+    }
+
     /// Never: a surface has at least one element.
     pub fn is_empty(&self) -> bool {
         self.elements.is_empty()

@@ -22,7 +22,7 @@ KINDS = {
     "quad8": "Quad8", "quad9": "Quad9",
 }
 SOLID = ("Tet", "Hex", "Wedge", "Pyramid")
-OURS = (".vtk", ".vtu", ".msh", ".inp")
+OURS = (".vtk", ".vtu", ".msh", ".inp", ".mesh", ".bdf", ".unv")
 DECK = {"C3D4": "tetra", "C3D10": "tetra10", "C3D8": "hexahedron", "C3D20": "hexahedron20", "C3D6": "wedge",
         "C3D15": "wedge15"}
 
@@ -121,7 +121,7 @@ def package_meshes(druse, directory, temporary, everything):
         if path.suffix == ".vtk":
             yield path.name, seen_by_pyvista(path), *ours(druse, path)
             continue
-        if not everything or path.suffix not in (".mesh", ".msh", ".inp", ".txt", ".hmascii", ".h5"):
+        if not everything or path.suffix not in (".mesh", ".bdf", ".msh", ".inp", ".txt", ".hmascii", ".h5"):
             continue
         import meshio
 

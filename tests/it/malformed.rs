@@ -335,6 +335,31 @@ fn formats() -> Vec<Format> {
         ),
         row("inp", "inp", vec![DECK.as_bytes().to_vec()], scaffold),
         row(
+            "msh versions",
+            "msh",
+            stored(&["zoo_1.msh", "zoo_40.msh", "zoo_data.msh"]),
+            scaffold,
+        ),
+        row("medit", "mesh", stored(&["zoo.mesh"]), scaffold),
+        row("medit binary", "meshb", stored(&["zoo.meshb"]), scaffold),
+        row(
+            "nastran",
+            "bdf",
+            stored(&[
+                "zoo2_small.bdf",
+                "zoo_large.bdf",
+                "zoo_free.bdf",
+                "systems.bdf",
+            ]),
+            scaffold,
+        ),
+        row(
+            "universal",
+            "unv",
+            stored(&["zoo.unv", "zoo2.unv"]),
+            scaffold,
+        ),
+        row(
             "fields csv",
             "csv",
             vec![FIELDS.as_bytes().to_vec()],
@@ -466,8 +491,13 @@ fn read_damaged(format: &Format, cases: usize) {
 #[test]
 fn damaged_files_give_one_clear_error() {
     let full = std::env::var_os("DRUSE_FULL").is_some();
-    let cases = if full { 500 } else { 16 };
     if let Ok(name) = std::env::var("DRUSE_MALFORMED") {
+        // Each file of the program's takes a process.
+        let cases = match (full, name.as_str()) {
+            (true, _) => 500,
+            (false, "vdb") => 16,
+            (false, _) => 50,
+        };
         let format = formats().into_iter().find(|f| f.name == name).unwrap();
         return read_damaged(&format, cases);
     }

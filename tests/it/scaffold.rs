@@ -6,7 +6,12 @@ mod cost;
 mod defects;
 mod files;
 mod generated;
+mod gmsh;
+mod medit;
+mod nastran;
 mod readers;
+mod unv;
+mod zoo;
 
 use crate::strategy::{Noise, cell_point, element_nodes, mesh, renumberings};
 use centres::centres;

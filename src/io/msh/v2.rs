@@ -1,23 +1,62 @@
-//! Sections of version 2.2.
+//! Sections of versions 1 and 2.
 
 use super::{File, Type};
 use crate::io::ReadError;
 use crate::io::tokens::Encoding;
 
-pub(super) fn nodes(file: &mut File) -> Result<(), ReadError> {
+/// Nodes; parametric ones have the entity that they lie on, and their parameters there.
+pub(super) fn nodes(file: &mut File, parametric: bool) -> Result<(), ReadError> {
     let claimed = count_line(file, "the number of nodes")?;
     file.numbers();
-    let t = &mut file.tokens;
-    let count = t.count(claimed, 4, 28, "nodes")?;
+    let count = file.tokens.count(claimed, 4, 28, "nodes")?;
     for _ in 0..count {
+        let t = &mut file.tokens;
         let number = t.number("a node number")?;
         let mut at = [0.0; 3];
         for c in &mut at {
             *c = t.double("a coordinate")?;
         }
-        file.collector.point(number, at);
+        if parametric {
+            let dimension = t.int("an entity's dimension")?;
+            t.int("an entity's number")?;
+            // Points and volumes have no parameters.
+            let parameters = match dimension {
+                0 | 3 => 0,
+                1 | 2 => dimension,
+                _ => return Err(t.bad(format!("the dimension {dimension}"), "0 to 3")),
+            };
+            for _ in 0..parameters {
+                t.double("a parameter")?;
+            }
+        }
+        file.point(number, at);
     }
     file.lines();
+    Ok(())
+}
+
+/// Elements of version 1: number, type, group, entity, number of nodes, nodes.
+pub(super) fn elements_of_version_1(file: &mut File) -> Result<(), ReadError> {
+    let claimed = count_line(file, "the number of elements")?;
+    let count = file.tokens.count(claimed, 6, 24, "elements")?;
+    for _ in 0..count {
+        let t = &mut file.tokens;
+        let number = t.number("an element number")?;
+        let code = t.number("an element type")?;
+        let group = t.int("a physical group")?;
+        t.int("an entity's number")?;
+        let nodes = t.number("a number of nodes")?;
+        let kind = file.element_type(code, number)?;
+        let expected = match kind {
+            Type::Flat(count) => count,
+            Type::Known(kind) => kind.node_count(),
+        };
+        if nodes != expected as u64 {
+            let found = format!("{nodes} nodes for the type {code}");
+            return Err(file.tokens.bad(found, expected.to_string()));
+        }
+        element(file, number, kind, group)?;
+    }
     Ok(())
 }
 
@@ -46,7 +85,7 @@ pub(super) fn elements(file: &mut File) -> Result<(), ReadError> {
                 head[1] = file.tokens.number("an element type")?;
                 tags = file.tokens.number("a number of tags")?;
             }
-            element(file, head, tags)?;
+            tagged(file, head, tags)?;
             left -= 1;
         }
     }
@@ -54,7 +93,7 @@ pub(super) fn elements(file: &mut File) -> Result<(), ReadError> {
     Ok(())
 }
 
-fn element(file: &mut File, [number, code]: [u64; 2], tags: u64) -> Result<(), ReadError> {
+fn tagged(file: &mut File, [number, code]: [u64; 2], tags: u64) -> Result<(), ReadError> {
     let kind = file.element_type(code, number)?;
     let t = &mut file.tokens;
     if tags > 64 {
@@ -67,6 +106,12 @@ fn element(file: &mut File, [number, code]: [u64; 2], tags: u64) -> Result<(), R
             group = tag;
         }
     }
+    element(file, number, kind, group)
+}
+
+/// The nodes of an element in this group, 0 for none.
+fn element(file: &mut File, number: u64, kind: Type, group: i64) -> Result<(), ReadError> {
+    let t = &mut file.tokens;
     let groups: &[i64] = if group == 0 { &[] } else { &[group] };
     let mut nodes = [0; 27];
     match kind {

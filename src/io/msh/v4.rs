@@ -1,29 +1,32 @@
-//! Sections of version 4.1.
+//! Sections of versions 4.0 and 4.1.
+//!
+//! In 4.0 an entity's number stands before its dimension, points have a box, every node follows its
+//! own number, and numbers of nodes and elements have 32 bits.
 
-use super::{File, Type};
+use super::{File, Type, Version};
 use crate::io::ReadError;
 use std::collections::BTreeMap;
 
-/// Physical groups of each volume.
-pub(super) type Volumes = BTreeMap<i64, Vec<i64>>;
+/// Physical groups of surfaces and volumes, by dimension and number.
+pub(super) type Entities = BTreeMap<(i64, i64), Vec<i64>>;
 
-pub(super) fn entities(file: &mut File, volumes: &mut Volumes) -> Result<(), ReadError> {
+/// Most physical groups of one entity.
+const MOST_GROUPS: usize = 256;
+
+pub(super) fn entities(file: &mut File) -> Result<(), ReadError> {
     file.numbers();
     let counts = entity_counts(file)?;
     for (dimension, count) in counts.into_iter().enumerate() {
         for _ in 0..count {
             let tag = file.tokens.int("an entity's number")?;
-            entity(file, dimension, tag, volumes)?;
+            entity(file, dimension, tag)?;
         }
     }
     file.lines();
     Ok(())
 }
 
-pub(super) fn partitioned_entities(
-    file: &mut File,
-    volumes: &mut Volumes,
-) -> Result<(), ReadError> {
+pub(super) fn partitioned_entities(file: &mut File) -> Result<(), ReadError> {
     file.numbers();
     file.tokens.size("the number of partitions")?;
     let claimed = file.tokens.size("the number of ghost entities")?;
@@ -38,7 +41,7 @@ pub(super) fn partitioned_entities(
             file.tokens.int("a parent's dimension")?;
             file.tokens.int("a parent's number")?;
             ints(file, "partitions")?;
-            entity(file, dimension, tag, volumes)?;
+            entity(file, dimension, tag)?;
         }
     }
     file.lines();
@@ -55,21 +58,21 @@ fn entity_counts(file: &mut File) -> Result<[usize; 4], ReadError> {
 }
 
 /// What follows an entity's number: its box (a point has a place), physical groups, boundary.
-fn entity(
-    file: &mut File,
-    dimension: usize,
-    tag: i64,
-    volumes: &mut Volumes,
-) -> Result<(), ReadError> {
-    for _ in 0..if dimension == 0 { 3 } else { 6 } {
+fn entity(file: &mut File, dimension: usize, tag: i64) -> Result<(), ReadError> {
+    let place = dimension == 0 && file.version != Version::Four0;
+    for _ in 0..if place { 3 } else { 6 } {
         file.tokens.double("a coordinate")?;
     }
     let groups = ints(file, "physical groups")?;
+    if groups.len() > MOST_GROUPS {
+        let found = format!("{} physical groups of an entity", groups.len());
+        return Err(file.tokens.bad(found, format!("at most {MOST_GROUPS}")));
+    }
     if dimension > 0 {
         ints(file, "bounding entities")?;
     }
-    if dimension == 3 && !groups.is_empty() {
-        volumes.insert(tag, groups);
+    if dimension >= 2 && !groups.is_empty() {
+        file.entities.insert((dimension as i64, tag), groups);
     }
     Ok(())
 }
@@ -80,104 +83,123 @@ fn ints(file: &mut File, what: &str) -> Result<Vec<i64>, ReadError> {
     (0..count).map(|_| file.tokens.int(what)).collect()
 }
 
+/// An entity's dimension and number, in the order of the version.
+fn entity_of_block(file: &mut File) -> Result<(i64, i64), ReadError> {
+    let number_first = file.version == Version::Four0;
+    let t = &mut file.tokens;
+    let first = t.int("an entity's dimension and number")?;
+    let second = t.int("an entity's dimension and number")?;
+    let (dimension, entity) = if number_first {
+        (second, first)
+    } else {
+        (first, second)
+    };
+    if !(0..=3).contains(&dimension) {
+        return Err(t.bad(format!("the dimension {dimension}"), "0 to 3"));
+    }
+    Ok((dimension, entity))
+}
+
+/// The number of a node or an element.
+fn own_number(file: &mut File, what: &str) -> Result<u64, ReadError> {
+    match file.version {
+        Version::Four0 => file.tokens.number(what),
+        _ => file.tokens.size(what),
+    }
+}
+
+/// How many of the `left` things stand in a block.
+fn in_block(file: &mut File, left: &mut u64, what: &str) -> Result<u64, ReadError> {
+    let t = &mut file.tokens;
+    let count = t.size(what)?;
+    if count > *left {
+        let found = format!("a block of {count} {what}");
+        return Err(t.bad(found, format!("at most the {left} left")));
+    }
+    *left -= count;
+    Ok(count)
+}
+
+/// The number of blocks, and of things in them together; 4.1 says their least and greatest number.
+fn block_counts(file: &mut File, what: &str, words: u64) -> Result<(usize, u64), ReadError> {
+    let bytes = 4 * words;
+    let t = &mut file.tokens;
+    let blocks = t.size("a number of blocks")?;
+    let claimed = t.size(what)?;
+    t.count(claimed, words, bytes, what)?;
+    if file.version == Version::Four1 {
+        t.size("the least number")?;
+        t.size("the greatest number")?;
+    }
+    Ok((t.count(blocks, 4, 20, "blocks")?, claimed))
+}
+
+fn all_there(file: &File, left: u64, claimed: u64, what: &str) -> Result<(), ReadError> {
+    if left == 0 {
+        return Ok(());
+    }
+    let found = format!("{} {what}", claimed - left);
+    Err(file.tokens.bad(found, format!("{claimed} {what}")))
+}
+
 pub(super) fn nodes(file: &mut File) -> Result<(), ReadError> {
     file.numbers();
-    let t = &mut file.tokens;
-    let blocks = t.size("the number of node blocks")?;
-    let claimed = t.size("the number of nodes")?;
-    t.count(claimed, 4, 32, "nodes")?;
-    t.size("the least node number")?;
-    t.size("the greatest node number")?;
+    let (blocks, claimed) = block_counts(file, "nodes", 4)?;
     let mut left = claimed;
     let mut numbers = Vec::new();
-    for _ in 0..t.count(blocks, 4, 20, "node blocks")? {
-        let dimension = t.int("an entity's dimension")?;
-        t.int("an entity's number")?;
-        let parametric = t.int("0 or 1 for parametric nodes")?;
-        let in_block = t.size("a number of nodes")?;
-        if !(0..=3).contains(&dimension) {
-            return Err(t.bad(format!("the dimension {dimension}"), "0 to 3"));
-        }
-        if in_block > left {
-            return Err(t.bad(
-                format!("a block of {in_block} nodes"),
-                format!("at most the {left} left of {claimed}"),
-            ));
-        }
-        left -= in_block;
-        numbers.clear();
-        for _ in 0..in_block {
-            numbers.push(t.size("a node number")?);
-        }
+    for _ in 0..blocks {
+        let (dimension, _) = entity_of_block(file)?;
+        let parametric = file.tokens.int("0 or 1 for parametric nodes")?;
+        let count = in_block(file, &mut left, "nodes")?;
         let parameters = if parametric == 0 { 0 } else { dimension };
-        for &number in &numbers {
+        let listed = file.version == Version::Four1;
+        numbers.clear();
+        for _ in 0..if listed { count } else { 0 } {
+            numbers.push(file.tokens.size("a node number")?);
+        }
+        for i in 0..count as usize {
+            let number = match numbers.get(i) {
+                Some(&number) => number,
+                None => file.tokens.number("a node number")?,
+            };
             let mut at = [0.0; 3];
             for c in &mut at {
-                *c = t.double("a coordinate")?;
+                *c = file.tokens.double("a coordinate")?;
             }
             for _ in 0..parameters {
-                t.double("a parameter")?;
+                file.tokens.double("a parameter")?;
             }
-            file.collector.point(number, at);
+            file.point(number, at);
         }
     }
-    if left > 0 {
-        return Err(t.bad(
-            format!("{} nodes", claimed - left),
-            format!("{claimed} nodes"),
-        ));
-    }
+    all_there(file, left, claimed, "nodes")?;
     file.lines();
     Ok(())
 }
 
-pub(super) fn elements(file: &mut File, volumes: &Volumes) -> Result<(), ReadError> {
+pub(super) fn elements(file: &mut File) -> Result<(), ReadError> {
     file.numbers();
-    let t = &mut file.tokens;
-    let blocks = t.size("the number of element blocks")?;
-    let claimed = t.size("the number of elements")?;
-    t.count(claimed, 2, 16, "elements")?;
-    t.size("the least element number")?;
-    t.size("the greatest element number")?;
+    let (blocks, claimed) = block_counts(file, "elements", 2)?;
     let mut left = claimed;
-    for _ in 0..t.count(blocks, 4, 20, "element blocks")? {
-        let t = &mut file.tokens;
-        t.int("an entity's dimension")?;
-        let entity = t.int("an entity's number")?;
-        let code = t.number("an element type")?;
-        let in_block = t.size("a number of elements")?;
-        if in_block > left {
-            return Err(t.bad(
-                format!("a block of {in_block} elements"),
-                format!("at most the {left} left of {claimed}"),
-            ));
-        }
-        left -= in_block;
-        block(file, code, in_block, volumes.get(&entity))?;
+    for _ in 0..blocks {
+        let entity = entity_of_block(file)?;
+        let code = file.tokens.number("an element type")?;
+        let count = in_block(file, &mut left, "elements")?;
+        let groups = file.entities.get(&entity).cloned().unwrap_or_default();
+        block(file, code, count, &groups)?;
     }
-    if left > 0 {
-        return Err(file.tokens.bad(
-            format!("{} elements", claimed - left),
-            format!("{claimed} elements"),
-        ));
-    }
+    all_there(file, left, claimed, "elements")?;
     file.lines();
     Ok(())
 }
 
-fn block(
-    file: &mut File,
-    code: u64,
-    in_block: u64,
-    groups: Option<&Vec<i64>>,
-) -> Result<(), ReadError> {
-    let groups = groups.map_or(&[][..], |g| g);
-    for _ in 0..in_block {
-        let number = file.tokens.size("an element number")?;
+fn block(file: &mut File, code: u64, count: u64, groups: &[i64]) -> Result<(), ReadError> {
+    for _ in 0..count {
+        let number = own_number(file, "an element number")?;
         match file.element_type(code, number)? {
-            Type::Flat(count) => {
-                for _ in 0..count {
-                    file.tokens.size("a node number")?;
+            Type::Flat(nodes) => {
+                for _ in 0..nodes {
+                    own_number(file, "a node number")?;
                 }
                 file.collector.skipped += 1;
             }
@@ -185,7 +207,7 @@ fn block(
                 let mut nodes = [0; 27];
                 let own = &mut nodes[..kind.node_count()];
                 for n in own.iter_mut() {
-                    *n = file.tokens.size("a node number")?;
+                    *n = own_number(file, "a node number")?;
                 }
                 file.take(number, kind, own, groups);
             }

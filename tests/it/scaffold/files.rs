@@ -192,7 +192,7 @@ fn damaged_msh_files_are_refused_with_their_place() {
     assert!(e.found().contains("99999999999"), "{e}");
     let e = with("1\n7 15 2 1 1 1\n$EndElements\n");
     assert!(e.expected().contains("solid"), "{e}");
-    let e = refusal("a.msh", &HEAD.replace("2.2", "4"));
+    let e = refusal("a.msh", &HEAD.replace("2.2", "3"));
     assert!(e.hint().unwrap().contains("msh41"), "{e}");
     let e = refusal("a.msh", "solid cube\n");
     assert_eq!(e.line(), Some(1));

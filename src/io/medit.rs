@@ -1,0 +1,144 @@
+//! Medit meshes of Inria's libMeshb, `.mesh` as text and `.meshb` in binary: tokens, not lines.
+//!
+//! Every keyword that is read or passed over is a row of one table. Reference numbers become groups,
+//! 0 means none. Elements are numbered in the order of the file, from 1. Medit's node order is VTK's,
+//! of second-order tetrahedra and triangles too; the order of face nodes of other second-order
+//! elements is not settled between programs, so these are refused by name. Points of two dimensions
+//! lie at z = 0. In text a keyword that is not in the table is an error, since its length is unknown.
+
+mod input;
+mod table;
+
+use super::collector::Collector;
+use super::scaffold::ElementFile;
+use super::{Place, ReadError, quote};
+use crate::scaffold::Kind;
+use input::Input;
+use std::path::Path;
+use table::{Meaning, TABLE};
+
+/// Reads a mesh, text or binary by its first bytes.
+///
+/// # Errors
+/// When it cannot be read, is damaged, or holds solids of other kinds.
+pub fn read(path: &Path) -> Result<ElementFile, ReadError> {
+    let mut file = File {
+        input: Input::open(path)?,
+        collector: Collector::new(path),
+        dimension: None,
+        points: 0,
+        elements: 0,
+    };
+    while let Some(keyword) = file.input.keyword()? {
+        if !file.section(&keyword)? {
+            break;
+        }
+    }
+    file.collector.finish(|_| None)
+}
+
+struct File<'a> {
+    input: Input,
+    collector: Collector<'a>,
+    dimension: Option<u64>,
+    points: u64,
+    elements: u64,
+}
+
+impl File<'_> {
+    /// What follows a keyword; false at the end of the mesh.
+    fn section(&mut self, keyword: &str) -> Result<bool, ReadError> {
+        let found = TABLE.iter().find(|r| r.1.eq_ignore_ascii_case(keyword));
+        let Some(&(_, name, meaning)) = found else {
+            if self.input.is_binary() {
+                self.collector
+                    .notes
+                    .push(format!("the section {keyword} is passed over"));
+                return self.input.pass_section().map(|()| true);
+            }
+            let found = format!("the keyword {}", quote(keyword));
+            let e = self.input.bad(found, "a Medit keyword");
+            return Err(e.with_hint(
+                "gmsh writes second-order elements under the words of first-order ones: write \
+                 .msh instead; sections of other programs can be taken out of the file",
+            ));
+        };
+        match meaning {
+            Meaning::End => return Ok(false),
+            Meaning::Dimension => {
+                let found = self.input.dimension()?;
+                if !(2..=3).contains(&found) {
+                    return Err(self.input.bad(format!("the dimension {found}"), "2 or 3"));
+                }
+                self.dimension = Some(found as u64);
+            }
+            Meaning::Text => self.input.pass_line()?,
+            Meaning::Vertices => self.vertices()?,
+            Meaning::Element(kind) => self.elements(name, kind)?,
+            Meaning::Lines => {
+                self.collector.skipped += self.input.count(3, name)?;
+                self.input.pass_section()?;
+            }
+            Meaning::Passed => self.input.pass_section()?,
+            Meaning::Values => {
+                self.collector
+                    .notes
+                    .push(format!("the values {name} are passed over"));
+                self.input.pass_section()?;
+            }
+            Meaning::Refused => {
+                let count = self.input.count(1, name)?;
+                if count > 0 {
+                    let found = format!("{count} {name}");
+                    let e = self.input.bad(found, super::scaffold::KINDS_READ);
+                    return Err(e.with_hint("convert the mesh to .msh or .vtu, or to first order"));
+                }
+                self.input.pass_section()?;
+            }
+        }
+        Ok(true)
+    }
+
+    fn vertices(&mut self) -> Result<(), ReadError> {
+        let Some(dimension) = self.dimension else {
+            return Err(self
+                .input
+                .bad("Vertices before Dimension", "Dimension and 2 or 3"));
+        };
+        if self.points > 0 {
+            return Err(self.input.bad("Vertices again", "one list of vertices"));
+        }
+        let count = self.input.count(dimension + 1, "vertices")?;
+        for _ in 0..count {
+            let mut at = [0.0; 3];
+            for c in at.iter_mut().take(dimension as usize) {
+                *c = self.input.real("a coordinate")?;
+            }
+            self.input.int("a reference number")?;
+            self.points += 1;
+            self.collector.point(self.points, at);
+        }
+        Ok(())
+    }
+
+    fn elements(&mut self, name: &str, kind: Kind) -> Result<(), ReadError> {
+        let mut nodes = [0; 27];
+        let own = &mut nodes[..kind.node_count()];
+        let count = self.input.count(own.len() as u64 + 1, name)?;
+        for _ in 0..count {
+            self.elements += 1;
+            for node in own.iter_mut() {
+                let found = self.input.int("a vertex number")?;
+                *node = u64::try_from(found).map_err(|_| {
+                    let place = Place::Item("element", self.elements);
+                    let path = self.input.path();
+                    ReadError::data(path, place, format!("the vertex {found}"), "1 or more")
+                })?;
+            }
+            let reference = self.input.int("a reference number")?;
+            let groups: &[i64] = if reference == 0 { &[] } else { &[reference] };
+            self.collector.element(self.elements, kind, own, groups);
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,243 @@
+//! Nastran bulk data, `.bdf` and `.nas`: grid points, coordinate systems, elements.
+//!
+//! Cards in small, large and free field are read with their continuations and includes; what stands
+//! before `BEGIN BULK` is passed over. Solids and shells are elements, their property numbers groups.
+//! Bars, springs, masses and rigid links are counted and passed over; loads, materials and properties
+//! say nothing about the shape. A card that makes elements or points in another way is an error.
+//! A mid node that is left out lies in the middle of its edge, as Nastran has it.
+
+mod cards;
+mod elements;
+mod systems;
+mod table;
+
+use super::collector::Collector;
+use super::scaffold::ElementFile;
+use super::{Place, ReadError, quote};
+use crate::frame::Vec3;
+use cards::{Card, Cards};
+use std::collections::{BTreeMap, HashMap};
+use std::path::{Path, PathBuf};
+use systems::Systems;
+use table::{NO_ELEMENTS, REFUSED, SKIPPED};
+
+/// Includes within includes.
+const DEEPEST: usize = 8;
+
+/// Reads a deck.
+///
+/// # Errors
+/// When it cannot be read, is damaged, or holds elements or points of other kinds.
+pub fn read(path: &Path) -> Result<ElementFile, ReadError> {
+    let mut deck = Deck::new(path);
+    deck.file(path, 0)?;
+    deck.finish()
+}
+
+/// A grid point as its card gives it.
+struct Grid {
+    /// Its coordinate system; `None` for that of GRDSET.
+    system: Option<u64>,
+    at: [f64; 3],
+    line: u64,
+}
+
+struct Deck<'a> {
+    path: &'a Path,
+    collector: Collector<'a>,
+    /// Grid points in the file's order, and where each number stands among them.
+    grids: Vec<(u64, Grid)>,
+    places: HashMap<u64, u32>,
+    systems: Systems,
+    /// GRDSET's coordinate system.
+    default_system: u64,
+    /// A digest of the elements by number.
+    elements: HashMap<u64, u64>,
+    /// Edges whose mid nodes are left out, by their end nodes.
+    straight: HashMap<[u64; 2], u64>,
+    repeated: usize,
+    skipped: BTreeMap<String, usize>,
+    begun: bool,
+    ended: bool,
+    /// The first error; dropped if the bulk data only begin after it.
+    fault: Option<ReadError>,
+}
+
+impl<'a> Deck<'a> {
+    fn new(path: &'a Path) -> Self {
+        Self {
+            path,
+            collector: Collector::new(path),
+            grids: Vec::new(),
+            places: HashMap::new(),
+            systems: Systems::default(),
+            default_system: 0,
+            elements: HashMap::new(),
+            straight: HashMap::new(),
+            repeated: 0,
+            skipped: BTreeMap::new(),
+            begun: false,
+            ended: false,
+            fault: None,
+        }
+    }
+
+    fn file(&mut self, path: &Path, depth: usize) -> Result<(), ReadError> {
+        let mut cards = Cards::open(path)?;
+        let mut card = Card::default();
+        while !self.ended && cards.next(&mut card)? {
+            if card.name == "BEGIN" {
+                self.begin(&card)?;
+                continue;
+            }
+            // Executive and case control may look like anything.
+            if self.fault.is_some() {
+                continue;
+            }
+            let read = match card.name.as_str() {
+                "INCLUDE" => self.include(&card, path, depth),
+                _ => self.card(&card),
+            };
+            match read {
+                Err(fault) if !self.begun => self.fault = Some(fault),
+                other => other?,
+            }
+        }
+        Ok(())
+    }
+
+    /// `BEGIN BULK`: forgets what came before it.
+    fn begin(&mut self, card: &Card) -> Result<(), ReadError> {
+        if self.begun || !matches!(card.field(0), "" | "BULK") {
+            let found = format!("BEGIN {}", quote(card.field(0)));
+            let e = card.bad(found, "one BEGIN BULK");
+            return Err(e.with_hint("superelements and models beside it cannot be read"));
+        }
+        *self = Self {
+            begun: true,
+            ..Self::new(self.path)
+        };
+        Ok(())
+    }
+
+    fn include(&mut self, card: &Card, path: &Path, depth: usize) -> Result<(), ReadError> {
+        if card.field(0).is_empty() {
+            return Err(card.bad("INCLUDE without a file", "INCLUDE 'FILE'"));
+        }
+        if depth == DEEPEST {
+            let found = format!("an INCLUDE {DEEPEST} files deep");
+            return Err(card.bad(found, "fewer includes within includes"));
+        }
+        let directory = path.parent().unwrap_or(Path::new(""));
+        self.file(&directory.join(PathBuf::from(card.field(0))), depth + 1)
+    }
+
+    fn card(&mut self, card: &Card) -> Result<(), ReadError> {
+        let name = card.name.as_str();
+        match name {
+            "ENDDATA" => self.ended = true,
+            "GRID" => self.grid(card)?,
+            "GRDSET" => {
+                card.check()?;
+                self.default_system = card.number(1)?.unwrap_or(0);
+            }
+            _ if name.starts_with("CORD") => self.systems.add(card)?,
+            _ if elements::is_element(name) => self.element(card)?,
+            _ if SKIPPED.contains(&name) => {
+                *self.skipped.entry(name.to_owned()).or_default() += 1;
+                self.collector.skipped += 1;
+            }
+            _ if REFUSED.contains(&name) || name.starts_with('=') || is_unknown(name) => {
+                let e = card.bad(format!("the card {}", quote(name)), "cards that are known");
+                return Err(e.with_hint(
+                    "it may make points or elements; GRID, CTETRA, CHEXA, CPENTA, CPYRAM, CTRIA3, \
+                     CQUAD4 and the like are read",
+                ));
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+
+    fn grid(&mut self, card: &Card) -> Result<(), ReadError> {
+        card.check()?;
+        let number = card.needed(0, "a grid point's number")?;
+        let mut at = [0.0; 3];
+        for (i, c) in at.iter_mut().enumerate() {
+            *c = card.real(2 + i)?.unwrap_or(0.0);
+        }
+        let system = card.number(1)?;
+        let place = self.grids.len() as u32;
+        if let Some(&earlier) = self.places.get(&number) {
+            let (_, grid) = &self.grids[earlier as usize];
+            if grid.at != at || grid.system != system {
+                let place = Place::ItemOnLine("node", number, card.line);
+                let found = format!("another node of this number than on line {}", grid.line);
+                let expected = "every number once";
+                return Err(ReadError::data(&card.path, place, found, expected));
+            }
+            self.repeated += 1;
+            return Ok(());
+        }
+        self.places.insert(number, place);
+        let line = card.line;
+        self.grids.push((number, Grid { system, at, line }));
+        Ok(())
+    }
+
+    /// The coordinates of a grid point in the basic system.
+    fn basic(&self, grid: &Grid, number: u64) -> Result<Vec3, ReadError> {
+        let system = grid.system.unwrap_or(self.default_system);
+        self.systems.to_basic(system, grid.at).ok_or_else(|| {
+            let place = Place::ItemOnLine("node", number, grid.line);
+            let found = format!("coordinate system {system}, which is not in the deck");
+            ReadError::data(self.path, place, found, "one of its CORD cards")
+        })
+    }
+
+    fn finish(mut self) -> Result<ElementFile, ReadError> {
+        if let Some(fault) = self.fault.take() {
+            return Err(fault);
+        }
+        let mut systems = std::mem::take(&mut self.systems);
+        systems.resolve(self.path, self.default_system, |number| {
+            let place = *self.places.get(&number)? as usize;
+            let grid = &self.grids[place].1;
+            Some((grid.system, grid.at))
+        })?;
+        self.systems = systems;
+        for (number, grid) in &self.grids {
+            let at = self.basic(grid, *number)?;
+            self.collector.point(*number, at.into());
+        }
+        self.straighten()?;
+        if self.repeated > 0 {
+            self.collector.notes.push(format!(
+                "{} cards are in the deck twice and taken once",
+                self.repeated
+            ));
+        }
+        if !self.skipped.is_empty() {
+            let list: Vec<String> = self
+                .skipped
+                .iter()
+                .map(|(name, count)| format!("{count} {name}"))
+                .collect();
+            self.collector
+                .notes
+                .push(format!("skipped cards: {}", list.join(", ")));
+        }
+        self.collector.finish(|_| None)
+    }
+}
+
+/// Whether a card may make elements though it is in none of the tables.
+fn is_unknown(name: &str) -> bool {
+    name.starts_with('C')
+        && !NO_ELEMENTS
+            .iter()
+            .any(|known| match known.strip_suffix('*') {
+                Some(start) => name.starts_with(start),
+                None => name == *known,
+            })
+}

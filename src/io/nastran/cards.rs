@@ -1,0 +1,369 @@
+//! Cards of bulk data: physical lines in small, large or free field, joined by continuations.
+//!
+//! A line with a comma is in free field; a `*` after the name, or in the place of the `+` of a
+//! continuation, makes fields 16 columns wide. A continuation has a `+`, a `*` or nothing in its first
+//! field. Where both the tenth field of a line and the first of the next have a name, they must be the
+//! same: decks whose continuations stand elsewhere are refused.
+
+use super::super::{Place, ReadError, Source, quote};
+use std::path::{Path, PathBuf};
+
+/// A card: its name in capitals and its fields from the second on.
+#[derive(Default)]
+pub(super) struct Card {
+    pub name: String,
+    text: String,
+    /// Where each field ends in the text.
+    ends: Vec<usize>,
+    pub path: PathBuf,
+    /// The line of its name.
+    pub line: u64,
+    /// What is wrong with its lines, of interest only if the card is.
+    fault: Option<(u64, String)>,
+}
+
+/// A reader of cards.
+pub(super) struct Cards {
+    source: Source,
+    /// A line that belongs to the next card.
+    held: Option<String>,
+}
+
+/// A physical line in parts.
+struct Parts<'a> {
+    head: &'a str,
+    fields: Vec<&'a str>,
+    /// The name of the continuation.
+    tail: &'a str,
+    fault: Option<String>,
+}
+
+/// Lines that a file name may go on.
+const LONGEST_NAME: usize = 16;
+
+impl Cards {
+    pub fn open(path: &Path) -> Result<Self, ReadError> {
+        Ok(Self {
+            source: Source::open(path)?,
+            held: None,
+        })
+    }
+
+    /// The next line that says something: no comment, tabs as blanks, ASCII.
+    fn line(&mut self) -> Result<Option<String>, ReadError> {
+        if let Some(line) = self.held.take() {
+            return Ok(Some(line));
+        }
+        while let Some(line) = self.source.line()? {
+            let line = line.split('$').next().unwrap_or("").trim_end();
+            let line = line.trim_start_matches('\u{feff}');
+            if line.trim().is_empty() {
+                continue;
+            }
+            let mut clean = String::with_capacity(line.len());
+            for c in line.chars() {
+                match c {
+                    '\t' => {
+                        clean.push(' ');
+                        while clean.len() % 8 != 0 {
+                            clean.push(' ');
+                        }
+                    }
+                    c if c.is_ascii() && !c.is_ascii_control() => clean.push(c),
+                    _ => clean.push('?'),
+                }
+            }
+            return Ok(Some(clean));
+        }
+        Ok(None)
+    }
+
+    /// Reads the next card; false at the end of the file.
+    pub fn next(&mut self, card: &mut Card) -> Result<bool, ReadError> {
+        let Some(first) = self.line()? else {
+            return Ok(false);
+        };
+        card.clear(self.source.path(), self.source.line_number());
+        let upper = first.trim_start().to_ascii_uppercase();
+        if upper.split([' ', ',']).next() == Some("BEGIN") {
+            let words: Vec<&str> = upper
+                .split([' ', ',', '='])
+                .filter(|w| !w.is_empty())
+                .collect();
+            "BEGIN".clone_into(&mut card.name);
+            card.push(&words[1..].join(" "));
+            return Ok(true);
+        }
+        if upper.starts_with("INCLUDE") {
+            "INCLUDE".clone_into(&mut card.name);
+            let name = self.file_name(first.trim_start()["INCLUDE".len()..].trim())?;
+            card.push(&name);
+            return Ok(true);
+        }
+        let parts = split(&first);
+        if is_continuation(parts.head) {
+            card.fault = Some((card.line, "a continuation of no card".into()));
+            card.name.push('+');
+        } else {
+            card.name.push_str(parts.head.trim_end_matches('*'));
+            card.name.make_ascii_uppercase();
+        }
+        card.take(&parts);
+        let mut tail = parts.tail.to_owned();
+        while let Some(line) = self.line()? {
+            let parts = split(&line);
+            if !is_continuation(parts.head) {
+                self.held = Some(line);
+                break;
+            }
+            let mark = |m: &str| m.trim_start_matches(['+', '*']).trim().to_ascii_uppercase();
+            let (before, own) = (mark(&tail), mark(parts.head));
+            if !before.is_empty() && !own.is_empty() && before != own && card.fault.is_none() {
+                let text = format!("the continuation {} after {}", quote(&own), quote(&before));
+                card.fault = Some((self.source.line_number(), text));
+            }
+            card.take(&parts);
+            tail = parts.tail.to_owned();
+        }
+        Ok(true)
+    }
+
+    /// The name of a file, in quotes or not; one in quotes may go on over lines.
+    fn file_name(&mut self, first: &str) -> Result<String, ReadError> {
+        let quoted = first.chars().next().filter(|c| matches!(c, '\'' | '"'));
+        let Some(mark) = quoted else {
+            return Ok(first.to_owned());
+        };
+        let mut name = first[1..].to_owned();
+        for _ in 0..LONGEST_NAME {
+            if let Some(end) = name.find(mark) {
+                name.truncate(end);
+                return Ok(name);
+            }
+            match self.line()? {
+                Some(line) => name.push_str(line.trim()),
+                None => break,
+            }
+        }
+        let found = format!("INCLUDE of {}", quote(&name));
+        Err(self.source.bad(found, "a quotation mark after the name"))
+    }
+}
+
+fn is_continuation(head: &str) -> bool {
+    head.is_empty() || head.starts_with(['+', '*'])
+}
+
+/// The fields of a line.
+fn split(line: &str) -> Parts<'_> {
+    if line.contains(',') {
+        return split_free(line);
+    }
+    let columns = |from: usize, to: usize| {
+        let part = line.get(from..to.min(line.len())).unwrap_or("");
+        part.trim()
+    };
+    let head = columns(0, 8);
+    let width = if head.contains('*') { 16 } else { 8 };
+    let fields = (8..72).step_by(width);
+    Parts {
+        head,
+        fields: fields.map(|from| columns(from, from + width)).collect(),
+        tail: columns(72, 80),
+        fault: None,
+    }
+}
+
+fn split_free(line: &str) -> Parts<'_> {
+    let mut words = line.split(',').map(str::trim);
+    let head = words.next().unwrap_or("");
+    let most = if head.contains('*') { 4 } else { 8 };
+    let mut fields: Vec<&str> = words.collect();
+    while fields.last().is_some_and(|w| w.is_empty()) {
+        fields.pop();
+    }
+    let mut tail = "";
+    let mut fault = None;
+    let mark = |w: &str| w.starts_with(['+', '*']) && real(w).is_none();
+    if fields.len() > most {
+        tail = fields[most];
+        if fields.len() > most + 1 {
+            fault = Some(format!("{} fields in a line", fields.len()));
+        } else if !mark(tail) {
+            fault = Some(format!("{} in the tenth field", quote(tail)));
+        }
+        fields.truncate(most);
+    } else if fields.last().is_some_and(|w| mark(w)) {
+        tail = fields.pop().unwrap_or("");
+    }
+    fields.resize(most, "");
+    Parts {
+        head,
+        fields,
+        tail,
+        fault,
+    }
+}
+
+/// Nastran's way to write a number: the E of an exponent may be a D or left out.
+pub(super) fn real(text: &str) -> Option<f64> {
+    let known = |c: char| matches!(c, '0'..='9' | '+' | '-' | '.' | 'e' | 'E' | 'd' | 'D');
+    if !text.starts_with(|c: char| matches!(c, '0'..='9' | '+' | '-' | '.'))
+        || !text.chars().all(known)
+    {
+        return None;
+    }
+    let plain = text.replace(['D', 'd', 'E'], "e");
+    if !plain.contains('e')
+        && let Some(at) = plain.rfind(['+', '-']).filter(|at| *at > 0)
+    {
+        return format!("{}e{}", &plain[..at], &plain[at..]).parse().ok();
+    }
+    plain.parse().ok()
+}
+
+impl Card {
+    fn clear(&mut self, path: &Path, line: u64) {
+        self.name.clear();
+        self.text.clear();
+        self.ends.clear();
+        if self.path != path {
+            path.clone_into(&mut self.path);
+        }
+        self.line = line;
+        self.fault = None;
+    }
+
+    fn push(&mut self, field: &str) {
+        self.text.push_str(field);
+        self.ends.push(self.text.len());
+    }
+
+    /// Appends the fields of a line; wide ones come in pairs of lines.
+    fn take(&mut self, parts: &Parts) {
+        while parts.fields.len() == 8 && self.ends.len() % 8 != 0 {
+            self.push("");
+        }
+        for field in &parts.fields {
+            self.push(field);
+        }
+        if let (Some(text), None) = (&parts.fault, &self.fault) {
+            self.fault = Some((self.line, text.clone()));
+        }
+    }
+
+    /// A field from 0, which is the second of the card; empty where the card has none.
+    pub fn field(&self, i: usize) -> &str {
+        let start = if i == 0 {
+            Some(&0)
+        } else {
+            self.ends.get(i - 1)
+        };
+        match (start, self.ends.get(i)) {
+            (Some(&start), Some(&end)) => &self.text[start..end],
+            _ => "",
+        }
+    }
+
+    /// Whether its lines belong together.
+    pub fn check(&self) -> Result<(), ReadError> {
+        let Some((line, text)) = &self.fault else {
+            return Ok(());
+        };
+        let expected = "ten fields in a line, each line after the one that it continues";
+        Err(ReadError::data(
+            &self.path,
+            Place::Line(*line),
+            text.clone(),
+            expected,
+        ))
+    }
+
+    /// An error about the card.
+    pub fn bad(&self, found: impl Into<String>, expected: impl Into<String>) -> ReadError {
+        ReadError::data(&self.path, Place::Line(self.line), found, expected)
+    }
+
+    /// A whole number from 0; `None` where the field is empty.
+    pub fn number(&self, i: usize) -> Result<Option<u64>, ReadError> {
+        let text = self.field(i);
+        if text.is_empty() {
+            return Ok(None);
+        }
+        match text.strip_prefix('+').unwrap_or(text).parse::<u32>() {
+            Ok(n) => Ok(Some(u64::from(n))),
+            Err(_) => Err(self.wrong(i, "a whole number")),
+        }
+    }
+
+    /// A whole number from 1.
+    pub fn needed(&self, i: usize, what: &str) -> Result<u64, ReadError> {
+        match self.number(i)? {
+            Some(n @ 1..) => Ok(n),
+            _ => Err(self.wrong(i, what)),
+        }
+    }
+
+    /// A number with a fraction; `None` where the field is empty.
+    pub fn real(&self, i: usize) -> Result<Option<f64>, ReadError> {
+        match self.field(i) {
+            "" => Ok(None),
+            text => real(text)
+                .map(Some)
+                .ok_or_else(|| self.wrong(i, "a number")),
+        }
+    }
+
+    fn wrong(&self, i: usize, what: &str) -> ReadError {
+        let found = format!(
+            "{} in field {} of {}",
+            quote(self.field(i)),
+            i + 2,
+            self.name
+        );
+        self.bad(found, what)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_are_read_as_nastran_writes_them() {
+        for (text, value) in [
+            ("1.5-3", Some(1.5e-3)),
+            ("-1.5+3", Some(-1500.0)),
+            ("1.D+2", Some(100.0)),
+            ("1.d2", Some(100.0)),
+            (".5", Some(0.5)),
+            ("7.", Some(7.0)),
+            ("+3", Some(3.0)),
+            ("-.25E-1", Some(-0.025)),
+            ("1.0E", None),
+            ("nan", None),
+            ("inf", None),
+            ("1 2", None),
+            ("+E1", None),
+            ("-", None),
+        ] {
+            assert_eq!(real(text), value, "{text}");
+        }
+    }
+
+    #[test]
+    fn fields_are_eight_or_sixteen_columns_or_between_commas() {
+        let parts =
+            split("GRID    12345678       11.0     2.0     3.0                             +A");
+        assert_eq!(parts.fields[..5], ["12345678", "1", "1.0", "2.0", "3.0"]);
+        assert_eq!((parts.head, parts.tail), ("GRID", "+A"));
+        let parts =
+            split("GRID*                  1                             1.5             2.5*A");
+        assert_eq!(parts.fields, ["1", "", "1.5", "2.5"]);
+        assert_eq!(parts.tail, "*A");
+        let parts = split("chexa, 1,2,3 ,,5,6,7,8,+x");
+        assert_eq!(parts.fields, ["1", "2", "3", "", "5", "6", "7", "8"]);
+        assert_eq!((parts.head, parts.tail), ("chexa", "+x"));
+        assert!(split("A,1,2,3,4,5,6,7,8,9").fault.is_some());
+    }
+}

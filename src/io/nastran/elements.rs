@@ -1,0 +1,149 @@
+//! Element cards: solids and shells with their nodes in Nastran's order.
+
+use super::super::scaffold::KINDS_READ;
+use super::super::{Place, ReadError};
+use super::Deck;
+use super::cards::Card;
+use crate::frame::Vec3;
+use crate::scaffold::Kind;
+use std::hash::{DefaultHasher, Hash, Hasher};
+
+/// A card's kinds, by how many of its nodes are given: from few to many.
+type Row = (&'static str, &'static [Kind]);
+
+const ELEMENTS: &[Row] = &[
+    ("CTETRA", &[Kind::Tet4, Kind::Tet10]),
+    ("CHEXA", &[Kind::Hex8, Kind::Hex20]),
+    ("CPENTA", &[Kind::Wedge6, Kind::Wedge15]),
+    ("CPYRAM", &[Kind::Pyramid5]),
+    ("CPYRA", &[Kind::Pyramid5]),
+    ("CTRIA3", &[Kind::Tri3]),
+    ("CTRIAR", &[Kind::Tri3]),
+    ("CTRIA6", &[Kind::Tri3, Kind::Tri6]),
+    ("CQUAD4", &[Kind::Quad4]),
+    ("CQUADR", &[Kind::Quad4]),
+    ("CSHEAR", &[Kind::Quad4]),
+    ("CQUAD8", &[Kind::Quad4, Kind::Quad8]),
+    ("CQUAD", &[Kind::Quad4, Kind::Quad8, Kind::Quad9]),
+    ("CQUAD9", &[Kind::Quad4, Kind::Quad8, Kind::Quad9]),
+];
+
+/// Which of the card's nodes stands at each place of VTK's order, where the two differ: Nastran has
+/// the mid nodes of upright edges before those of the upper side.
+const HEX20: [u8; 20] = [
+    0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 16, 17, 18, 19, 12, 13, 14, 15,
+];
+const WEDGE15: [u8; 15] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 13, 14, 9, 10, 11];
+
+/// Numbers of the nodes that we put on edges; a deck's own have eight digits.
+const ADDED: u64 = 1 << 40;
+/// Fields of a card before its nodes.
+const FIRST_NODE: usize = 2;
+
+pub(super) fn is_element(name: &str) -> bool {
+    ELEMENTS.iter().any(|row| row.0 == name)
+}
+
+impl Deck<'_> {
+    pub(super) fn element(&mut self, card: &Card) -> Result<(), ReadError> {
+        card.check()?;
+        let row = ELEMENTS.iter().find(|row| row.0 == card.name);
+        let kinds = row.map_or(&[][..], |row| row.1);
+        let number = card.needed(0, "an element's number")?;
+        let property = card.number(1)?;
+        let wrong = |found: String, expected: &str| {
+            let place = Place::ItemOnLine("element", number, card.line);
+            ReadError::data(&card.path, place, found, expected)
+        };
+        let most = kinds.last().map_or(0, |k| k.node_count());
+        let mut file_nodes = [None; 27];
+        let mut given = 0;
+        for (i, node) in file_nodes.iter_mut().take(most).enumerate() {
+            // Some write 0 for a mid node that is left out.
+            *node = card.number(FIRST_NODE + i)?.filter(|n| *n > 0);
+            if node.is_some() {
+                given = i + 1;
+            }
+        }
+        let solid = !kinds[0].is_planar();
+        if solid && !matches!(card.field(FIRST_NODE + most), "" | "CORDM") {
+            let found = format!("more than {most} nodes in a {}", card.name);
+            return Err(wrong(found, KINDS_READ));
+        }
+        let kind = kinds.iter().find(|k| k.node_count() >= given);
+        let kind = *kind.unwrap_or(&kinds[0]);
+        let corners = kind.corner_count();
+        if let Some(missing) = file_nodes[..corners].iter().position(Option::is_none) {
+            let found = format!("no node at corner {} of a {}", missing + 1, card.name);
+            return Err(wrong(found, "a node at every corner"));
+        }
+        let order: &[u8] = match kind {
+            Kind::Hex20 => &HEX20,
+            Kind::Wedge15 => &WEDGE15,
+            _ => &[],
+        };
+        let mut nodes = [0; 27];
+        let own = &mut nodes[..kind.node_count()];
+        for (i, to) in own.iter_mut().enumerate() {
+            let from = order.get(i).map_or(i, |&o| usize::from(o));
+            if let Some(node) = file_nodes[from] {
+                *to = node;
+            }
+        }
+        for i in corners..own.len() {
+            if own[i] != 0 {
+                continue;
+            }
+            let Some(&[a, b]) = kind.edges().get(i - corners) else {
+                return Err(wrong("no node in the middle".into(), "a node there"));
+            };
+            let mut ends = [own[usize::from(a)], own[usize::from(b)]];
+            ends.sort_unstable();
+            let next = ADDED + self.straight.len() as u64;
+            own[i] = *self.straight.entry(ends).or_insert(next);
+        }
+        let mut hasher = DefaultHasher::new();
+        (kind, property, &*own).hash(&mut hasher);
+        let digest = hasher.finish();
+        match self.elements.insert(number, digest) {
+            None => {}
+            Some(earlier) if earlier == digest => {
+                self.repeated += 1;
+                return Ok(());
+            }
+            Some(_) => {
+                let found = "a second element of this number".to_owned();
+                return Err(wrong(found, "every number once"));
+            }
+        }
+        let group = property.filter(|p| *p > 0).map(|p| p as i64);
+        self.collector.element(number, kind, own, group.as_slice());
+        Ok(())
+    }
+
+    /// Puts nodes in the middle of the edges that have none in the deck.
+    pub(super) fn straighten(&mut self) -> Result<(), ReadError> {
+        let mut edges: Vec<(u64, [u64; 2])> = self.straight.iter().map(|(e, n)| (*n, *e)).collect();
+        edges.sort_unstable();
+        for &(number, ends) in &edges {
+            let mut sum = Vec3::zeros();
+            for node in ends {
+                let Some(&place) = self.places.get(&node) else {
+                    let found = format!("node {node} of an edge, which is not in the deck");
+                    let expected = format!("one of its {} grid points", self.grids.len());
+                    return Err(ReadError::data(self.path, Place::File, found, expected));
+                };
+                let grid = &self.grids[place as usize].1;
+                sum += self.basic(grid, node)?;
+            }
+            self.collector.point(number, (sum / 2.0).into());
+        }
+        if !edges.is_empty() {
+            self.collector.notes.push(format!(
+                "{} mid nodes are left out in the deck and put in the middle of their edges",
+                edges.len()
+            ));
+        }
+        Ok(())
+    }
+}

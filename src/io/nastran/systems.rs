@@ -1,0 +1,217 @@
+//! Coordinate systems: CORD1R, CORD1C, CORD1S by three grid points, CORD2R, CORD2C, CORD2S by three
+//! points of another system.
+//!
+//! The first point is the origin, the second lies on the z axis, the third in the xz plane. Cylindrical
+//! coordinates are radius, azimuth and height; spherical ones radius, angle from the z axis and
+//! azimuth; angles are degrees.
+
+use super::super::{Place, ReadError, quote};
+use super::cards::Card;
+use crate::frame::{Mat3, Vec3};
+use std::collections::{HashMap, HashSet};
+use std::path::Path;
+
+#[derive(Clone, Copy, PartialEq)]
+enum Form {
+    Rectangular,
+    Cylindrical,
+    Spherical,
+}
+
+#[derive(Clone, PartialEq)]
+enum Given {
+    Grids([u64; 3]),
+    /// Points of a system.
+    Points(u64, [[f64; 3]; 3]),
+}
+
+struct Definition {
+    form: Form,
+    given: Given,
+    line: u64,
+}
+
+struct Frame {
+    origin: Vec3,
+    axes: Mat3,
+}
+
+#[derive(Default)]
+pub(super) struct Systems {
+    definitions: HashMap<u64, Definition>,
+    frames: HashMap<u64, Frame>,
+}
+
+impl Form {
+    fn cartesian(self, [a, b, c]: [f64; 3]) -> Vec3 {
+        match self {
+            Self::Rectangular => Vec3::new(a, b, c),
+            Self::Cylindrical => {
+                let (sine, cosine) = b.to_radians().sin_cos();
+                Vec3::new(a * cosine, a * sine, c)
+            }
+            Self::Spherical => {
+                let (st, ct) = b.to_radians().sin_cos();
+                let (sp, cp) = c.to_radians().sin_cos();
+                Vec3::new(a * st * cp, a * st * sp, a * ct)
+            }
+        }
+    }
+}
+
+impl Systems {
+    /// Takes a card whose name begins with CORD.
+    pub fn add(&mut self, card: &Card) -> Result<(), ReadError> {
+        card.check()?;
+        let form = match card.name.get(5..) {
+            Some("R") => Form::Rectangular,
+            Some("C") => Form::Cylindrical,
+            Some("S") => Form::Spherical,
+            _ => return Err(refused(card)),
+        };
+        match card.name.as_bytes()[4] {
+            // Two systems may stand on one card.
+            b'1' => {
+                for first in [0, 4] {
+                    if first > 0 && card.field(first).is_empty() {
+                        continue;
+                    }
+                    let number = card.needed(first, "a coordinate system's number, from 1")?;
+                    let mut grids = [0; 3];
+                    for (i, g) in grids.iter_mut().enumerate() {
+                        *g = card.needed(first + 1 + i, "a grid point's number")?;
+                    }
+                    self.define(card, number, form, Given::Grids(grids))?;
+                }
+                Ok(())
+            }
+            b'2' => {
+                let number = card.needed(0, "a coordinate system's number, from 1")?;
+                let within = card.number(1)?.unwrap_or(0);
+                let mut points = [[0.0; 3]; 3];
+                for (i, c) in points.iter_mut().flatten().enumerate() {
+                    *c = card.real(2 + i)?.unwrap_or(0.0);
+                }
+                self.define(card, number, form, Given::Points(within, points))
+            }
+            _ => Err(refused(card)),
+        }
+    }
+
+    fn define(
+        &mut self,
+        card: &Card,
+        number: u64,
+        form: Form,
+        given: Given,
+    ) -> Result<(), ReadError> {
+        if let Some(earlier) = self.definitions.get(&number)
+            && (earlier.form != form || earlier.given != given)
+        {
+            let found = format!(
+                "coordinate system {number} again, which is another on line {}",
+                earlier.line
+            );
+            return Err(card.bad(found, "every number once"));
+        }
+        let line = card.line;
+        let definition = Definition { form, given, line };
+        self.definitions.insert(number, definition);
+        Ok(())
+    }
+
+    /// Finds the frames of all systems in the basic one. `grid` gives a grid point's system, if its
+    /// card names one, and coordinates.
+    pub fn resolve(
+        &mut self,
+        path: &Path,
+        default_system: u64,
+        grid: impl Fn(u64) -> Option<(Option<u64>, [f64; 3])>,
+    ) -> Result<(), ReadError> {
+        let mut all: Vec<u64> = self.definitions.keys().copied().collect();
+        all.sort_unstable();
+        for first in all {
+            // Systems that wait for another, the last one for none that is known to be open.
+            let mut open = vec![first];
+            let mut waiting: HashSet<u64> = HashSet::from([first]);
+            while let Some(&number) = open.last() {
+                let definition = &self.definitions[&number];
+                let fail = |found: String, expected: &str| {
+                    let place = Place::ItemOnLine("coordinate system", number, definition.line);
+                    ReadError::data(path, place, found, expected)
+                };
+                let points = match &definition.given {
+                    Given::Points(within, points) => points.map(|p| (*within, p)),
+                    Given::Grids(numbers) => {
+                        let mut points = [(0, [0.0; 3]); 3];
+                        for (to, &node) in points.iter_mut().zip(numbers) {
+                            let Some((system, at)) = grid(node) else {
+                                let found = format!("grid point {node}, which is not in the deck");
+                                return Err(fail(found, "three grid points"));
+                            };
+                            *to = (system.unwrap_or(default_system), at);
+                        }
+                        points
+                    }
+                };
+                let known = |n: u64| n == 0 || self.frames.contains_key(&n);
+                if known(number) {
+                    open.pop();
+                    continue;
+                }
+                if let Some(&(next, _)) = points.iter().find(|(n, _)| !known(*n)) {
+                    if !self.definitions.contains_key(&next) {
+                        let found = format!("coordinate system {next}, which is not in the deck");
+                        return Err(fail(found, "one of its CORD cards"));
+                    }
+                    if !waiting.insert(next) {
+                        let found = "a system that is given by itself, over others".to_owned();
+                        return Err(fail(found, "systems that lead to the basic one"));
+                    }
+                    open.push(next);
+                    continue;
+                }
+                let mut basic = [Vec3::zeros(); 3];
+                for (to, (system, at)) in basic.iter_mut().zip(points) {
+                    *to = self.to_basic(system, at).unwrap_or_default();
+                }
+                let Some(frame) = Frame::through(basic) else {
+                    return Err(fail(
+                        "points on one line".into(),
+                        "an origin, a point on the z axis and one beside it",
+                    ));
+                };
+                self.frames.insert(number, frame);
+                open.pop();
+            }
+        }
+        Ok(())
+    }
+
+    /// Coordinates of a system in the basic one; `None` if the system is not known.
+    pub fn to_basic(&self, system: u64, at: [f64; 3]) -> Option<Vec3> {
+        if system == 0 {
+            return Some(at.into());
+        }
+        let form = self.definitions.get(&system)?.form;
+        let frame = self.frames.get(&system)?;
+        Some(frame.origin + frame.axes * form.cartesian(at))
+    }
+}
+
+impl Frame {
+    fn through([origin, on_z, beside]: [Vec3; 3]) -> Option<Self> {
+        let z = (on_z - origin).try_normalize(0.0)?;
+        let y = z.cross(&(beside - origin).try_normalize(0.0)?);
+        // A point within 1e-9 of the axis gives no direction.
+        let y = y.try_normalize(1e-9)?;
+        let axes = Mat3::from_columns(&[y.cross(&z), y, z]);
+        let finite = axes.iter().chain(origin.iter()).all(|c| c.is_finite());
+        finite.then_some(Self { origin, axes })
+    }
+}
+
+fn refused(card: &Card) -> ReadError {
+    let found = format!("the card {}", quote(&card.name));
+    card.bad(found, "CORD1R, CORD1C, CORD1S, CORD2R, CORD2C or CORD2S")
+}
