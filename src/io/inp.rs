@@ -41,6 +41,7 @@ fn kind_of(name: &str) -> Option<Kind> {
         6 if is(&solid) => Kind::Wedge6,
         15 if is(&solid) => Kind::Wedge15,
         5 if is(&solid) => Kind::Pyramid5,
+        13 if is(&solid) => Kind::Pyramid13,
         3 if is(&planar) => Kind::Tri3,
         6 if is(&planar) => Kind::Tri6,
         4 if is(&planar) => Kind::Quad4,
@@ -345,10 +346,10 @@ mod tests {
             ("CPE6", Some(Kind::Tri6)),
             ("B31", None),
             ("T3D2", None),
-            ("C3D13", None),
+            ("C3D13", Some(Kind::Pyramid13)),
         ] {
             assert_eq!(kind_of(name), kind, "{name}");
         }
-        assert!(matters("C3D13") && !matters("T3D2") && !matters("B31"));
+        assert!(matters("C3D7") && !matters("T3D2") && !matters("B31"));
     }
 }

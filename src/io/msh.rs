@@ -18,12 +18,10 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 /// Dimension, nodes and name of the Gmsh element types that we know of but for those of [`Kind`].
-const OTHERS: [(u32, u8, u8, &str); 19] = [
+const OTHERS: [(u32, u8, u8, &str); 17] = [
     (1, 1, 2, "line"),
     (8, 1, 3, "line"),
-    (14, 3, 14, "pyramid (14 nodes)"),
     (15, 0, 1, "point"),
-    (19, 3, 13, "pyramid (13 nodes)"),
     (20, 2, 9, "triangle"),
     (21, 2, 10, "triangle"),
     (22, 2, 12, "triangle"),

@@ -99,7 +99,7 @@ impl ElementFile {
 
 /// The kinds that readers know, for messages.
 pub(super) const KINDS_READ: &str =
-    "Tet4, Tet10, Hex8, Hex20, Hex27, Wedge6, Wedge15, Wedge18 or Pyramid5";
+    "Tet4, Tet10, Hex8, Hex20, Hex27, Wedge6, Wedge15, Wedge18, Pyramid5, Pyramid13 or Pyramid14";
 
 /// The extensions of files of elements.
 pub const ELEMENT_FORMATS: [&str; 13] = [

@@ -1,11 +1,13 @@
 //! VTK unstructured grids: XML `.vtu` and legacy `.vtk`, text and binary.
 //!
 //! Read by ourselves: files are untrusted, and every count is checked before it is believed. VTK's
-//! node order is ours. Voxels (cell type 11) become Hex8, pixels (8) Quad4.
+//! node order is ours. Voxels (cell type 11) become Hex8, pixels (8) Quad4; Lagrange cells of order 1
+//! and 2 the kinds with as many nodes.
 //! Point and cell data become fields.
 
 mod array;
 mod legacy;
+mod types;
 mod write;
 mod xml;
 
@@ -15,40 +17,26 @@ pub use xml::read as read_xml;
 
 use super::collector::Collector;
 use super::{Place, ReadError};
+use crate::frame::Vec3;
 use crate::scaffold::Kind;
 use std::path::Path;
+use types::{Cell, PYRAMID19};
 
-/// Names of the solid cell types that we do not fill.
-const SOLIDS: [(u8, &str); 17] = [
-    (15, "pentagonal prism"),
-    (16, "hexagonal prism"),
-    (27, "quadratic pyramid"),
-    (31, "quadratic linear wedge"),
-    (33, "biquadratic hexahedron (24 nodes)"),
-    (37, "triquadratic pyramid"),
-    (41, "convex point set"),
-    (42, "polyhedron"),
-    (64, "higher-order tetrahedron"),
-    (67, "higher-order hexahedron"),
-    (71, "Lagrange tetrahedron"),
-    (72, "Lagrange hexahedron"),
-    (73, "Lagrange wedge"),
-    (74, "Lagrange pyramid"),
-    (78, "Bezier tetrahedron"),
-    (79, "Bezier hexahedron"),
-    (80, "Bezier wedge"),
-];
-/// Cell types of points, lines and surfaces.
-const FLAT: [u8; 17] = [0, 1, 2, 3, 4, 6, 7, 21, 30, 34, 35, 36, 68, 69, 70, 75, 76];
-/// A pixel's and a voxel's nodes in the order of a quad and a hexahedron.
-const PIXEL: [usize; 4] = [0, 1, 3, 2];
-const VOXEL: [usize; 8] = [0, 1, 3, 2, 4, 5, 7, 6];
+/// How far a pyramid's middle of a triangle may be from where its six other nodes put it: a share of the
+/// element's size, and of the coordinates, which may be of single precision.
+const OFF_MIDDLE: [f64; 2] = [1e-4, 1e-6];
+/// What is said to whom an element is refused.
+const HINT: &str = "mesh with elements of order 1 or 2";
 
 /// Cells as both formats have them: a type each, and where each one's nodes end.
 struct Cells<'a> {
     types: &'a [i64],
     ends: &'a [i64],
     nodes: &'a [i64],
+    /// Coordinates of the points, three each.
+    points: &'a [f64],
+    /// Whether the file is older than today's numbering of Lagrange hexahedra.
+    old: bool,
 }
 
 impl Cells<'_> {
@@ -77,42 +65,100 @@ impl Cells<'_> {
                 })?;
             start += own.len();
             let cell_type = u8::try_from(cell_type).unwrap_or(u8::MAX);
-            let kind = if cell_type == 11 {
-                Kind::Hex8
-            } else if cell_type == 8 {
-                Kind::Quad4
-            } else if let Some(kind) = Kind::from_vtk(cell_type) {
-                kind
-            } else if FLAT.contains(&cell_type) {
-                collector.skipped += 1;
-                continue;
-            } else {
-                let name = SOLIDS.iter().find(|s| s.0 == cell_type);
-                let found = name.map_or_else(
-                    || format!("the cell type {cell_type}"),
-                    |s| format!("a {} (cell type {cell_type})", s.1),
-                );
-                return Err(bad(found, super::scaffold::KINDS_READ.into())
-                    .with_hint("mesh with elements of order 1 or 2"));
+            let (kind, count, order) = match types::cell(cell_type, own.len(), self.old) {
+                Cell::Element(kind, count, order) => (kind, count, order),
+                Cell::Flat => {
+                    collector.skipped += 1;
+                    continue;
+                }
+                Cell::Refused(found, true) => {
+                    return Err(bad(found, "one of order 1 or 2".into()).with_hint(HINT));
+                }
+                Cell::Refused(found, false) => {
+                    return Err(bad(found, super::scaffold::KINDS_READ.into()).with_hint(HINT));
+                }
             };
-            if own.len() != kind.node_count() {
+            if own.len() != count {
                 let found = format!("{} nodes", own.len());
-                let expected = format!("{} for a {}", kind.node_count(), kind.name());
-                return Err(bad(found, expected));
+                let what = match count {
+                    PYRAMID19 => types::name(cell_type),
+                    _ => format!("a {}", kind.name()),
+                };
+                return Err(bad(found, format!("{count} for {what}")));
+            }
+            if count == PYRAMID19
+                && let Some(off) = self.off_middle(own)
+            {
+                let found = format!(
+                    "{} with the middle of a triangle {off:.3e} beside the quadratic face",
+                    types::name(cell_type)
+                );
+                return Err(bad(found, "faces of degree 2".into())
+                    .with_hint("write the pyramids with 13 or 14 nodes"));
             }
             let mut nodes = [0; 27];
-            for (place, to) in nodes[..own.len()].iter_mut().enumerate() {
-                let node = own[match cell_type {
-                    8 => PIXEL[place],
-                    11 => VOXEL[place],
-                    _ => place,
-                }];
+            for (to, &place) in nodes.iter_mut().zip(order) {
                 // A negative number becomes one that no node has.
-                *to = u64::try_from(node).map_or(u64::MAX, |n| first_point + n);
+                *to = u64::try_from(own[usize::from(place)]).map_or(u64::MAX, |n| first_point + n);
             }
-            collector.element(number, kind, &nodes[..own.len()], &[]);
+            collector.element(number, kind, &nodes[..order.len()], &[]);
         }
         collector.cells = first_cell + self.types.len() as u64;
+        Ok(())
+    }
+
+    /// How far a middle of a triangle stands from where the other nodes of a triquadratic pyramid put it,
+    /// if that is too far. Nodes that do not exist are found later.
+    fn off_middle(&self, own: &[i64]) -> Option<f64> {
+        let point = |n: i64| -> Option<Vec3> {
+            let first = usize::try_from(n).ok()?.checked_mul(3)?;
+            let p = self.points.get(first..first.checked_add(3)?)?;
+            Some(Vec3::new(p[0], p[1], p[2]))
+        };
+        let points: Vec<Vec3> = own.iter().map(|&n| point(n)).collect::<Option<_>>()?;
+        let size = points[..5].iter().map(|p| (p - points[0]).norm());
+        let size = size.fold(0.0, f64::max);
+        let largest = points[..5].iter().map(|p| p.amax()).fold(0.0, f64::max);
+        let tolerance = OFF_MIDDLE[0] * size + OFF_MIDDLE[1] * largest;
+        let triangles = &Kind::Pyramid14.faces()[1..];
+        let off = triangles.iter().zip(&points[14..18]).map(|(face, middle)| {
+            let sum = |set: &[u8]| set.iter().map(|&n| points[usize::from(n)]).sum::<Vec3>();
+            // The quadratic face at its centroid.
+            let there = sum(face.mids) * (4.0 / 9.0) - sum(face.corners) / 9.0;
+            (there - middle).norm()
+        });
+        Some(off.fold(0.0, f64::max)).filter(|off| *off > tolerance)
+    }
+
+    /// Refuses Lagrange cells whose degrees along their axes are not those of our kinds. Three numbers
+    /// for each cell.
+    fn check_degrees(
+        &self,
+        path: &Path,
+        first_cell: u64,
+        degrees: &[f64],
+    ) -> Result<(), ReadError> {
+        let mut start = 0;
+        let cells = self.types.iter().zip(self.ends).zip(degrees.chunks(3));
+        for (i, ((&cell_type, &end), own)) in cells.enumerate() {
+            let end = usize::try_from(end).unwrap_or(0);
+            let count = end.saturating_sub(start);
+            start = end;
+            let cell_type = u8::try_from(cell_type).unwrap_or(u8::MAX);
+            let flat = usize::from(matches!(cell_type, 69 | 70));
+            let Some(degree) = types::lagrange_degree(cell_type, count) else {
+                continue;
+            };
+            // A planar cell has no third degree.
+            if own.iter().take(3 - flat).any(|&d| d != degree as f64) {
+                let name = types::name(cell_type);
+                let own: Vec<String> = own.iter().map(f64::to_string).collect();
+                let found = format!("{name} of degrees {}", own.join(", "));
+                let place = Place::Item("element", first_cell + i as u64);
+                let expected = format!("degree {degree} along every axis for {count} nodes");
+                return Err(ReadError::data(path, place, found, expected).with_hint(HINT));
+            }
+        }
         Ok(())
     }
 }

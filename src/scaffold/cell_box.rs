@@ -52,6 +52,7 @@ impl ElementMap<'_> {
                 confine(self.shape(), found)
             }
             Map::Twisted(t) => t.cell_box(world),
+            Map::Collapsed(c) => c.cell_box(world, self.geometry.stretch.1),
         }
     }
 }

@@ -67,6 +67,7 @@ impl<'a> ElementMap<'a> {
         match &self.geometry.map {
             Map::Curved(c) => c.net.coefficients.clone(),
             Map::Twisted(t) => t.corners(),
+            Map::Collapsed(c) => c.net.coefficients.clone(),
             Map::Affine(a) => {
                 let vertices = self.shape().vertices();
                 vertices.into_iter().map(|v| a.map(CellPoint(v))).collect()
@@ -86,6 +87,7 @@ impl<'a> ElementMap<'a> {
             Map::Affine(a) => a.map(xi),
             Map::Curved(c) => c.evaluate(xi).0,
             Map::Twisted(t) => t.evaluate(xi).0,
+            Map::Collapsed(c) => c.evaluate(xi).0,
         })
     }
 
@@ -93,7 +95,7 @@ impl<'a> ElementMap<'a> {
     pub fn polynomial(&self) -> Option<&'a Polynomial> {
         match &self.geometry.map {
             Map::Curved(c) => Some(&c.polynomial),
-            Map::Affine(_) | Map::Twisted(_) => None,
+            Map::Affine(_) | Map::Twisted(_) | Map::Collapsed(_) => None,
         }
     }
 
@@ -112,6 +114,10 @@ impl<'a> ElementMap<'a> {
             }
             Map::Twisted(t) => {
                 let (x, j) = t.evaluate(xi);
+                (WorldPoint(x), j)
+            }
+            Map::Collapsed(c) => {
+                let (x, j) = c.evaluate(xi);
                 (WorldPoint(x), j)
             }
         }
@@ -138,6 +144,7 @@ impl<'a> ElementMap<'a> {
                 .or_else(|_| c.newton(x.0, CellPoint(Vec3::zeros())))
                 .map_err(|residual| self.lost(x, residual)),
             Map::Twisted(t) => t.inverse(x.0, None).map_err(|r| self.lost(x, r)),
+            Map::Collapsed(c) => c.inverse(x.0, None).map_err(|r| self.lost(x, r)),
         }
     }
 
@@ -154,6 +161,7 @@ impl<'a> ElementMap<'a> {
             Map::Affine(a) => self.affine(a, x),
             Map::Curved(c) => c.newton(x.0, start).or_else(|_| self.inverse(x)),
             Map::Twisted(t) => t.inverse(x.0, Some(start)).or_else(|_| self.inverse(x)),
+            Map::Collapsed(c) => c.inverse(x.0, Some(start)).or_else(|_| self.inverse(x)),
         }
     }
 

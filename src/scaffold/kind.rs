@@ -42,6 +42,10 @@ pub enum Kind {
     Wedge18,
     /// Pyramid: base 0-3, apex 4.
     Pyramid5,
+    /// Serendipity pyramid: mid nodes on edges (01) (12) (23) (30) (04) (14) (24) (34).
+    Pyramid13,
+    /// Quadratic pyramid: the nodes of Pyramid13, then the centre of the base.
+    Pyramid14,
     /// Triangle.
     Tri3,
     /// Quadratic triangle: mid nodes on edges (01) (12) (20).
@@ -109,7 +113,7 @@ const WEDGE_TO_PARAMETERS: [f64; 9] = [1., 0., 0., -0.5 / H, 1.0 / H, 0., 0., 0.
 
 impl Kind {
     /// Every kind, in order.
-    pub const ALL: [Self; 14] = [
+    pub const ALL: [Self; 16] = [
         Self::Tet4,
         Self::Tet10,
         Self::Hex8,
@@ -119,6 +123,8 @@ impl Kind {
         Self::Wedge15,
         Self::Wedge18,
         Self::Pyramid5,
+        Self::Pyramid13,
+        Self::Pyramid14,
         Self::Tri3,
         Self::Tri6,
         Self::Quad4,
@@ -260,8 +266,12 @@ impl Kind {
     /// Shape functions at a point of the cell frame, one per node; they sum to one. Those of planar kinds
     /// do not change along z.
     pub fn shape_functions(self, xi: CellPoint<3>) -> Vec<f64> {
-        if self == Self::Pyramid5 {
-            return super::pyramid::shape_functions(xi).to_vec();
+        match self {
+            Self::Pyramid5 => return super::pyramid::shape_functions(xi).to_vec(),
+            Self::Pyramid13 | Self::Pyramid14 => {
+                return super::pyramid::quadratic_functions(self, xi);
+            }
+            _ => {}
         }
         let basis = Basis::at(self, self.parameters(xi));
         self.combine(|control| basis.values[control])
@@ -269,8 +279,12 @@ impl Kind {
 
     /// Gradients of the shape functions by the cell's coordinates, one per node.
     pub fn shape_gradients(self, xi: CellPoint<3>) -> Vec<Vec3> {
-        if self == Self::Pyramid5 {
-            return super::pyramid::shape_gradients(xi).to_vec();
+        match self {
+            Self::Pyramid5 => return super::pyramid::shape_gradients(xi).to_vec(),
+            Self::Pyramid13 | Self::Pyramid14 => {
+                return super::pyramid::quadratic_gradients(self, xi);
+            }
+            _ => {}
         }
         let basis = Basis::at(self, self.parameters(xi));
         let to_cell = self.parameters_by_cell().transpose();
@@ -302,7 +316,7 @@ impl Kind {
 
     /// Share of every node in every control point.
     fn shares(self) -> &'static [[f64; 27]] {
-        static SHARES: [OnceLock<Vec<[f64; 27]>>; 14] = [const { OnceLock::new() }; 14];
+        static SHARES: [OnceLock<Vec<[f64; 27]>>; 16] = [const { OnceLock::new() }; 16];
         SHARES[self as usize].get_or_init(|| {
             let mut shares = vec![[0.0; 27]; count(self.family(), self.degree())];
             for node in 0..self.node_count() {
@@ -330,7 +344,12 @@ impl Kind {
     /// Nodal values in lattice order; a serendipity element's missing points are filled in as its
     /// shape functions have them: half the mid nodes less a quarter of the corners on a face, a
     /// quarter of either in the centre.
-    fn on_lattice<T: Copy>(self, nodes: &[T], zero: T, add: impl Fn(T, &T, f64) -> T) -> Vec<T> {
+    pub(super) fn on_lattice<T: Copy>(
+        self,
+        nodes: &[T],
+        zero: T,
+        add: impl Fn(T, &T, f64) -> T,
+    ) -> Vec<T> {
         let row = self.row();
         if self == Self::Pyramid5 {
             // The cube's upper side is drawn together in the apex.
@@ -351,6 +370,11 @@ impl Kind {
             }
             values[place(&HEX27_LATTICE[26])] = nodes.iter().enumerate().fold(zero, |s, (n, v)| {
                 add(s, v, if n < 8 { -0.25 } else { 0.25 })
+            });
+        }
+        if matches!(self, Self::Pyramid13 | Self::Pyramid14) {
+            super::pyramid::complete(self, &mut values, |terms| {
+                terms.iter().fold(zero, |s, (v, w)| add(s, v, *w))
             });
         }
         if self == Self::Quad8 {

@@ -8,8 +8,8 @@ use super::basis::Basis;
 use super::bernstein::{Net, Part, index, lattice};
 use super::kind::{Family, Kind};
 use super::polynomial::{Polynomial, Powers};
-use super::pyramid::Twisted;
-use crate::frame::{Aabb, CellPoint, Mat3, Vec3};
+use super::pyramid::{Collapsed, Twisted};
+use crate::frame::{Aabb, CellPoint, Element, Mat3, Vec3};
 
 /// How far beyond the reference cell an inverse may lie: |xi| on an axis, where the cell ends at
 /// 1/2.
@@ -31,6 +31,8 @@ pub(super) enum Map {
     Curved(Box<Curved>),
     /// A pyramid whose base is no parallelogram.
     Twisted(Twisted),
+    /// A quadratic pyramid that is curved.
+    Collapsed(Box<Collapsed>),
 }
 
 /// x = origin + jacobian xi.
@@ -78,13 +80,8 @@ impl Geometry {
                 map: Map::Affine(affine),
             };
         }
-        if kind == Kind::Pyramid5 {
-            let twisted = Twisted::new(nodes);
-            return Self {
-                bounds,
-                stretch: twisted.stretch(),
-                map: Map::Twisted(twisted),
-            };
+        if kind.shape() == Element::Pyramid {
+            return Self::of_pyramid(kind, nodes, net, bounds, tolerance);
         }
         let curved = Curved::new(kind, net);
         Self {
@@ -93,16 +90,38 @@ impl Geometry {
             map: Map::Curved(Box::new(curved)),
         }
     }
+
+    fn of_pyramid(
+        kind: Kind,
+        nodes: &[Vec3],
+        net: Net<Vec3>,
+        bounds: Aabb,
+        tolerance: f64,
+    ) -> Self {
+        let curved = (kind != Kind::Pyramid5)
+            .then(|| Collapsed::new(kind, nodes, net, tolerance))
+            .flatten();
+        let (stretch, map) = if let Some(collapsed) = curved {
+            (collapsed.stretch(), Map::Collapsed(Box::new(collapsed)))
+        } else {
+            let twisted = Twisted::new(nodes);
+            (twisted.stretch(), Map::Twisted(twisted))
+        };
+        Self {
+            bounds,
+            stretch,
+            map,
+        }
+    }
 }
 
 impl Affine {
     /// The affine map that agrees at the first corner and its neighbours along r1, r2, r3.
     fn through(kind: Kind, net: &Net<Vec3>) -> Self {
-        if kind == Kind::Pyramid5 {
-            let c = &net.coefficients;
-            return super::pyramid::affine([c[0], c[1], c[3], c[2], c[4]]);
-        }
         let corners = net.corners();
+        if kind.shape() == Element::Pyramid {
+            return super::pyramid::affine([0, 1, 3, 2, 4].map(|i| corners[i].0));
+        }
         let at = |axis: usize| {
             let unit = Vec3::ith(axis, 1.0);
             corners
@@ -175,34 +194,10 @@ impl Curved {
         })
     }
 
-    /// Bounds of the singular values of the Jacobian: |sigma(J) - sigma(J0)| <= |J - J0|, cell
-    /// split until the lower bound is above half the values seen or 64 parts are used; also
-    /// `sigma_min >= |det J| / sigma_max^2`.
+    /// Bounds of the singular values of the Jacobian.
     fn stretch(&self) -> (f64, f64) {
-        let mut open = vec![(self.jacobian_net(), Part::whole(self.net.family))];
-        let (mut least, mut greatest) = (f64::INFINITY, 0f64);
-        let mut budget = 64;
-        while let Some((net, part)) = open.pop() {
-            let centre = net.mean();
-            let eta = net
-                .coefficients
-                .iter()
-                .map(|c| (c - centre).norm())
-                .fold(0.0, f64::max);
-            let s = centre.singular_values();
-            let low = s.min() - eta;
-            if low < 0.5 * s.min() && budget > 0 {
-                budget -= 1;
-                let way = part.longest();
-                open.extend(net.split(way).into_iter().zip(part.split(way)));
-            } else {
-                least = least.min(low);
-                greatest = greatest.max(s.max() + eta);
-            }
-        }
-        let (low, high) = super::orientation::jacobian_determinant(self).range();
-        let by_volume = low.max(-high) / greatest.powi(2);
-        (least.max(by_volume).max(0.0), greatest)
+        let determinant = super::orientation::jacobian_determinant(self);
+        stretch(self.jacobian_net(), &determinant)
     }
 
     pub fn newton(&self, x: Vec3, start: CellPoint<3>) -> Result<CellPoint<3>, f64> {
@@ -214,6 +209,37 @@ impl Curved {
         let far = xi.amax();
         CellPoint(if far > 0.5 { xi * (0.5 / far) } else { xi })
     }
+}
+
+/// Bounds of the singular values of a Jacobian: |sigma(J) - sigma(J0)| <= |J - J0|, cell
+/// split until the lower bound is above half the values seen or 64 parts are used; also
+/// `sigma_min >= |det J| / sigma_max^2`.
+pub(super) fn stretch(jacobian: Net<Mat3>, determinant: &Net<f64>) -> (f64, f64) {
+    let whole = Part::whole(jacobian.family);
+    let mut open = vec![(jacobian, whole)];
+    let (mut least, mut greatest) = (f64::INFINITY, 0f64);
+    let mut budget = 64;
+    while let Some((net, part)) = open.pop() {
+        let centre = net.mean();
+        let eta = net
+            .coefficients
+            .iter()
+            .map(|c| (c - centre).norm())
+            .fold(0.0, f64::max);
+        let s = centre.singular_values();
+        let low = s.min() - eta;
+        if low < 0.5 * s.min() && budget > 0 {
+            budget -= 1;
+            let way = part.longest();
+            open.extend(net.split(way).into_iter().zip(part.split(way)));
+        } else {
+            least = least.min(low);
+            greatest = greatest.max(s.max() + eta);
+        }
+    }
+    let (low, high) = determinant.range();
+    let by_volume = low.max(-high) / greatest.powi(2);
+    (least.max(by_volume).max(0.0), greatest)
 }
 
 /// Newton steps from `start`, halved while the residual grows; gives the residual where

@@ -71,6 +71,7 @@ impl ElementMap<'_> {
             Map::Affine(a) => a.jacobian.determinant(),
             Map::Curved(c) => jacobian_determinant(c).mean(),
             Map::Twisted(t) => t.mean_determinant(),
+            Map::Collapsed(c) => c.mean_determinant(),
         };
         mean * self.shape().measure()
     }
@@ -93,8 +94,11 @@ impl ElementMap<'_> {
                     }
                 }
             }
-            Map::Curved(c) => verdict(self.kind, parametric_determinant(c), tiny),
+            Map::Curved(c) => verdict(parametric_determinant(c), tiny, |d, r| {
+                (d, self.kind.from_parameters(r))
+            }),
             Map::Twisted(t) => t.orientation(tiny),
+            Map::Collapsed(c) => verdict(c.determinant_net(), tiny, |d, r| c.spot(d, r)),
         }
     }
 
@@ -123,7 +127,13 @@ impl ElementMap<'_> {
 /// Parts examined before an unproved sign is called degenerate.
 const PARTS: usize = 4096;
 
-fn verdict(kind: Kind, net: Net<f64>, tiny: f64) -> Orientation {
+/// The sign of a polynomial; `place` gives the value and the point of the cell frame to name for one found
+/// at parametric coordinates.
+fn verdict(
+    net: Net<f64>,
+    tiny: f64,
+    place: impl Fn(f64, Vec3) -> (f64, CellPoint<3>),
+) -> Orientation {
     let family = net.family;
     let mut open = std::collections::VecDeque::from([(net, Part::whole(family))]);
     // Greatest and least value seen, with their places.
@@ -161,14 +171,14 @@ fn verdict(kind: Kind, net: Net<f64>, tiny: f64) -> Orientation {
             unsure = true;
         }
     }
-    let place = |(determinant, r): (f64, Vec3)| (determinant, kind.from_parameters(r));
     if high.0 > tiny && low.0 < -tiny {
         // The rarer sign is the wrong one; by magnitude, as the mean is not at hand any more.
-        let (determinant, at) = place(if high.0 >= -low.0 { low } else { high });
+        let wrong = if high.0 >= -low.0 { low } else { high };
+        let (determinant, at) = place(wrong.0, wrong.1);
         return Orientation::Folded { determinant, at };
     }
     if unsure {
-        let (determinant, at) = place(nearest);
+        let (determinant, at) = place(nearest.0, nearest.1);
         Orientation::Degenerate { determinant, at }
     } else if high.0 > 0.0 {
         Orientation::Positive

@@ -5,7 +5,14 @@
 //! for one term: F(xi) = A xi + b + c q(xi), q = x y / h, where c = X0 - X1 + X2 - X3 says how far the
 //! base is from a parallelogram. Over the pyramid |x|, |y| <= h / 2; the Jacobian
 //! J = A + c grad q depends on (x / h, y / h) in `[-1/2, 1/2]^2` alone, and det J is bilinear in them:
-//! its range is that of the four corners.
+//! its range is that of the four corners. Pyramids of 13 and 14 nodes are [`Collapsed`].
+
+mod collapsed;
+
+pub(super) use collapsed::{
+    Collapsed, complete, shape_functions as quadratic_functions,
+    shape_gradients as quadratic_gradients,
+};
 
 use super::Orientation;
 use super::cell_box::{beyond_a_face, confine, grow};
@@ -73,6 +80,16 @@ pub(super) fn affine(nodes: [Vec3; 5]) -> Affine {
     let along = |axis: usize| -> Vec3 { nodes.iter().zip(CORNERS).map(|(n, s)| n * s[axis]).sum() };
     let jacobian = Mat3::from_columns(&[along(0), along(1), (nodes[4] - base) * SQRT_2]);
     Affine::new(base, jacobian)
+}
+
+/// Where to look for the preimage of a point: by the affine map if that is near the element.
+fn start_of(affine: &Affine, x: Vec3) -> CellPoint<3> {
+    let xi = CellPoint(affine.inverse * (x - affine.origin));
+    if xi.0.iter().all(|c| c.is_finite()) && Element::Pyramid.face_distance(xi) < 0.2 {
+        xi
+    } else {
+        Element::Pyramid.centroid()
+    }
 }
 
 /// The map of a pyramid whose base is no parallelogram.
@@ -186,16 +203,7 @@ impl Twisted {
     /// The preimage of a point, near the element; else the residual.
     pub fn inverse(&self, x: Vec3, start: Option<CellPoint<3>>) -> Result<CellPoint<3>, f64> {
         let centroid = Element::Pyramid.centroid();
-        let start = start.unwrap_or_else(|| {
-            let xi = self.affine.inverse * (x - self.affine.origin);
-            if xi.iter().all(|c| c.is_finite())
-                && Element::Pyramid.face_distance(CellPoint(xi)) < 0.2
-            {
-                CellPoint(xi)
-            } else {
-                centroid
-            }
-        });
+        let start = start.unwrap_or_else(|| start_of(&self.affine, x));
         let map = |xi| self.evaluate(xi);
         newton(map, x, start, self.affine.origin)
             .or_else(|_| newton(map, x, centroid, self.affine.origin))

@@ -168,6 +168,8 @@ fn kinds() -> impl Strategy<Value = Kind> {
         Kind::Wedge6,
         Kind::Wedge18,
         Kind::Pyramid5,
+        Kind::Pyramid13,
+        Kind::Pyramid14,
     ])
 }
 

@@ -157,3 +157,41 @@ pub fn mesh(
     }
     (nodes, elements)
 }
+
+/// The same mesh of elements of second order, `full` ones or those of serendipity: a node in the middle of
+/// every edge (and of every quad and hex), displaced by up to half the amplitude.
+pub fn elevated(linear: &Scaffold, full: bool, amplitude: f64, seed: u64) -> Scaffold {
+    let mut noise = Noise::new(seed);
+    let mut nodes = linear.nodes().to_vec();
+    let mut made: BTreeMap<Vec<u32>, u32> = BTreeMap::new();
+    let mut elements = Connectivity::default();
+    for e in linear.elements() {
+        let kind = match (e.shape(), full) {
+            (Element::Tet, _) => Kind::Tet10,
+            (Element::Wedge, true) => Kind::Wedge18,
+            (Element::Wedge, false) => Kind::Wedge15,
+            (Element::Pyramid, true) => Kind::Pyramid14,
+            (Element::Pyramid, false) => Kind::Pyramid13,
+            (_, true) => Kind::Hex27,
+            (_, false) => Kind::Hex20,
+        };
+        let mut groups: Vec<Vec<u8>> = kind.edges().iter().map(|e| e.to_vec()).collect();
+        let centred = kind.faces().iter().filter(|f| f.centre.is_some());
+        groups.extend(centred.map(|f| f.corners.to_vec()));
+        if kind == Kind::Hex27 {
+            groups.push((0..8).collect());
+        }
+        let mut own = e.nodes().to_vec();
+        for group in groups {
+            let mut key: Vec<u32> = group.iter().map(|&c| e.nodes()[c as usize]).collect();
+            key.sort_unstable();
+            own.push(*made.entry(key.clone()).or_insert_with(|| {
+                let sum: Vec3 = key.iter().map(|&n| linear.nodes()[n as usize]).sum();
+                nodes.push(sum / key.len() as f64 + noise.vector() * amplitude / 2.0);
+                nodes.len() as u32 - 1
+            }));
+        }
+        elements.push(kind, &own);
+    }
+    Scaffold::new(nodes, elements).unwrap()
+}

@@ -19,17 +19,16 @@ pub fn read(path: &Path) -> Result<ElementFile, ReadError> {
     };
     let version = file.header()?;
     let mut collector = Collector::new(path);
-    let (mut points, mut cells, mut types) = (false, None, None);
-    while !(points && cells.is_some() && types.is_some()) {
+    let (mut points, mut cells, mut types) = (None, None, None);
+    while !(points.is_some() && cells.is_some() && types.is_some()) {
         let expected = "POINTS, CELLS and CELL_TYPES";
         let line = file.tokens.needed_line(expected)?.to_owned();
         let words: Vec<&str> = line.split_whitespace().collect();
         match words[..] {
             ["POINTS", count, scalar] => {
-                file.points(count, scalar, &mut collector)?;
-                points = true;
+                points = Some(file.points(count, scalar, &mut collector)?);
             }
-            ["CELLS", a, b] if version >= 5 => cells = Some(file.cells_by_offset(a, b)?),
+            ["CELLS", a, b] if version >= (5, 0) => cells = Some(file.cells_by_offset(a, b)?),
             ["CELLS", a, b] => cells = Some(file.cells_by_length(a, b)?),
             ["CELL_TYPES", count] => {
                 let count = file.count(count, 4, "cell types")?;
@@ -51,6 +50,8 @@ pub fn read(path: &Path) -> Result<ElementFile, ReadError> {
         types: &types,
         ends: &ends,
         nodes: &nodes,
+        points: &points.unwrap_or_default(),
+        old: version < (5, 1),
     };
     cells.collect(path, 0, 0, &mut collector)?;
     file.data(&mut collector)?;
@@ -67,13 +68,13 @@ impl File {
         self.tokens.source.bad(quote(found), expected)
     }
 
-    /// The four lines at the top; gives the major version.
-    fn header(&mut self) -> Result<u32, ReadError> {
+    /// The four lines at the top; gives the version.
+    fn header(&mut self) -> Result<(u32, u32), ReadError> {
         let expected = "# vtk DataFile Version, the first line of a legacy VTK file";
         let first = self.tokens.needed_line(expected)?;
         let version = first
             .strip_prefix("# vtk DataFile Version")
-            .and_then(|v| v.trim().split('.').next()?.parse().ok());
+            .and_then(super::types::version);
         let Some(version) = version else {
             let first = first.to_owned();
             return Err(self.bad(&first, expected));
@@ -137,14 +138,14 @@ impl File {
         count: &str,
         scalar: &str,
         collector: &mut Collector,
-    ) -> Result<(), ReadError> {
+    ) -> Result<Vec<f64>, ReadError> {
         let scalar = self.scalar(scalar)?;
         let count = self.count(count, 3 * scalar.size() as u64, "points")?;
         let numbers = self.reals(scalar, 3 * count)?;
         for (i, p) in numbers.chunks_exact(3).enumerate() {
             collector.point(i as u64, [p[0], p[1], p[2]]);
         }
-        Ok(())
+        Ok(numbers)
     }
 
     /// Cells up to version 4: each one's length, then its nodes.

@@ -1,8 +1,10 @@
 //! Scaffolds written as `.vtu` for a look in ParaView or pyvista: appended raw data, no compression.
+//! A pyramid of 14 nodes becomes VTK's of 19, the added ones where its map has them.
 
+use crate::frame::{CellPoint, Element, Vec3};
 use crate::io::WriteError;
 use crate::io::atomic::AtomicFile;
-use crate::scaffold::Scaffold;
+use crate::scaffold::{Kind, Scaffold};
 use std::fmt::Write as _;
 use std::io::Write;
 use std::path::Path;
@@ -30,23 +32,29 @@ pub fn write_vtu(
     }
     let elements = scaffold.connectivity();
     let mut ends = Vec::with_capacity(elements.len());
-    let mut total = 0i64;
+    let mut nodes: Vec<i64> = Vec::new();
+    let mut points = scaffold.nodes().to_vec();
     for e in 0..elements.len() {
-        total += elements.nodes(e).len() as i64;
-        ends.push(total);
+        nodes.extend(elements.nodes(e).iter().map(|n| i64::from(*n)));
+        if elements.kind(e) == Kind::Pyramid14 {
+            for place in inner_points() {
+                nodes.push(points.len() as i64);
+                points.push(scaffold.element(e).map(place).0);
+            }
+        }
+        ends.push(nodes.len() as i64);
     }
     let mut out = Sections::default();
-    let points: Vec<u8> = scaffold
-        .nodes()
-        .iter()
+    let count = points.len();
+    let points: Vec<u8> = points
+        .into_iter()
         .flat_map(|p| [p.x, p.y, p.z])
         .flat_map(f64::to_le_bytes)
         .collect();
     out.text.push_str("<Points>\n");
     out.array("Points", "Float64", 3, points);
     out.text.push_str("</Points>\n<Cells>\n");
-    let nodes = (0..elements.len()).flat_map(|e| elements.nodes(e));
-    let nodes = nodes.flat_map(|n| i64::from(*n).to_le_bytes()).collect();
+    let nodes = nodes.into_iter().flat_map(i64::to_le_bytes).collect();
     out.array("connectivity", "Int64", 1, nodes);
     let ends = ends.into_iter().flat_map(i64::to_le_bytes).collect();
     out.array("offsets", "Int64", 1, ends);
@@ -60,11 +68,23 @@ pub fn write_vtu(
     out.text.push_str("</CellData>\n");
 
     let mut file = AtomicFile::create(path)?;
-    let written = out.write(&mut file, scaffold.nodes().len(), elements.len());
+    let written = out.write(&mut file, count, elements.len());
     match written {
         Ok(()) => file.commit(),
         Err(error) => Err(file.failed(error)),
     }
+}
+
+/// What VTK's triquadratic pyramid has beyond our 14 nodes: the middles of its triangles, and a point on
+/// its axis.
+fn inner_points() -> impl Iterator<Item = CellPoint<3>> {
+    let corners = Element::Pyramid.vertices();
+    let triangles = Kind::Pyramid14.faces()[1..].iter();
+    let middles = triangles.map(move |f| {
+        let sum: Vec3 = f.corners.iter().map(|&n| corners[usize::from(n)]).sum();
+        CellPoint(sum / 3.0)
+    });
+    middles.chain([Element::Pyramid.centroid()])
 }
 
 /// The tags of arrays, and their data in order.

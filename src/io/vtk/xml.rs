@@ -33,6 +33,7 @@ pub fn read(path: &Path) -> Result<ElementFile, ReadError> {
         collector: Collector::new(path),
         points: 0,
         cells: 0,
+        old: true,
     };
     document.walk()?;
     document.collector.finish(|_| None)
@@ -64,6 +65,8 @@ struct Piece {
     nodes: Option<Vec<i64>>,
     ends: Option<Vec<i64>>,
     types: Option<Vec<i64>>,
+    /// The name of the cell data that hold the degrees of Lagrange cells.
+    degrees: Option<String>,
     fields: Vec<(String, FieldAt, usize, Vec<f64>)>,
 }
 
@@ -77,6 +80,8 @@ struct Document<'a> {
     /// Points and cells of the pieces before.
     points: u64,
     cells: u64,
+    /// Whether the version is below 2.1, which numbered Lagrange hexahedra otherwise.
+    old: bool,
 }
 
 impl<'a> Document<'a> {
@@ -153,6 +158,9 @@ impl<'a> Document<'a> {
                     let found = format!("a VTK file of type {}", quote(&grid));
                     return Err(self.bad(byte, found, "UnstructuredGrid"));
                 }
+                let version = attribute(tag, "version");
+                let version = version.and_then(|v| super::types::version(&v));
+                self.old = version.is_none_or(|v| v < (2, 1));
                 self.format = Format::of(
                     attribute(tag, "byte_order").as_deref(),
                     attribute(tag, "header_type").as_deref(),
@@ -172,6 +180,11 @@ impl<'a> Document<'a> {
                     cells: self.number(tag, "NumberOfCells", byte)?,
                     ..Piece::default()
                 });
+            }
+            ("Piece", "CellData") => {
+                if let Some(piece) = piece {
+                    piece.degrees = attribute(tag, "HigherOrderDegrees");
+                }
             }
             ("Points" | "Cells", "DataArray") => *array = Some(self.array(tag, byte)?),
             // Data of types that are no numbers, such as strings, are passed over.
@@ -366,7 +379,14 @@ impl<'a> Document<'a> {
                 types: &types,
                 ends: &ends,
                 nodes: &nodes,
+                points: &coordinates,
+                old: self.old,
             };
+            if let Some((.., degrees)) = piece.fields.iter().find(|(name, at, components, _)| {
+                (piece.degrees.as_ref(), *at, *components) == (Some(name), FieldAt::Cells, 3)
+            }) {
+                cells.check_degrees(self.path, self.cells, degrees)?;
+            }
             cells.collect(self.path, self.points, self.cells, &mut self.collector)?;
         }
         for (name, at, components, values) in piece.fields {

@@ -153,8 +153,26 @@ const PYRAMID_EDGES: [[u8; 2]; 8] = [
     [3, 4],
 ];
 
+const PYRAMID14_LATTICE: [[u8; 3]; 14] = [
+    [0, 0, 0],
+    [2, 0, 0],
+    [2, 2, 0],
+    [0, 2, 0],
+    [0, 0, 2],
+    [1, 0, 0],
+    [2, 1, 0],
+    [1, 2, 0],
+    [0, 1, 0],
+    [0, 0, 1],
+    [2, 0, 1],
+    [2, 2, 1],
+    [0, 2, 1],
+    [1, 1, 0],
+];
+const PYRAMID14_GMSH: [u8; 14] = [0, 1, 2, 3, 4, 5, 8, 10, 6, 7, 9, 11, 12, 13];
+
 /// The table; rows in the order of [`Kind`](super::Kind). Faces in the order of [`Element::faces`].
-pub(super) const TABLE: [Row; 14] = [
+pub(super) const TABLE: [Row; 16] = [
     Row {
         name: "Tet4",
         shape: Element::Tet,
@@ -326,6 +344,41 @@ pub(super) const TABLE: [Row; 14] = [
             face(&[3, 0, 4], &[], None),
         ],
         gmsh_order: IN_ORDER.split_at(5).0,
+    },
+    Row {
+        name: "Pyramid13",
+        shape: Element::Pyramid,
+        degree: 2,
+        vtk: 27,
+        gmsh: 19,
+        lattice: PYRAMID14_LATTICE.split_at(13).0,
+        edges: &PYRAMID_EDGES,
+        faces: &[
+            face(&[0, 3, 2, 1], &[8, 7, 6, 5], None),
+            face(&[0, 1, 4], &[5, 10, 9], None),
+            face(&[1, 2, 4], &[6, 11, 10], None),
+            face(&[2, 3, 4], &[7, 12, 11], None),
+            face(&[3, 0, 4], &[8, 9, 12], None),
+        ],
+        gmsh_order: PYRAMID14_GMSH.split_at(13).0,
+    },
+    Row {
+        name: "Pyramid14",
+        shape: Element::Pyramid,
+        degree: 2,
+        // Without the middles of its triangles and its innermost node.
+        vtk: 37,
+        gmsh: 14,
+        lattice: &PYRAMID14_LATTICE,
+        edges: &PYRAMID_EDGES,
+        faces: &[
+            face(&[0, 3, 2, 1], &[8, 7, 6, 5], Some(13)),
+            face(&[0, 1, 4], &[5, 10, 9], None),
+            face(&[1, 2, 4], &[6, 11, 10], None),
+            face(&[2, 3, 4], &[7, 12, 11], None),
+            face(&[3, 0, 4], &[8, 9, 12], None),
+        ],
+        gmsh_order: &PYRAMID14_GMSH,
     },
     Row {
         name: "Tri3",

@@ -177,9 +177,9 @@ const HEAD: &str = "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n4\n1 0 0 0\n2 
 #[test]
 fn damaged_msh_files_are_refused_with_their_place() {
     let with = |elements: &str| refusal("a.msh", &format!("{HEAD}$Elements\n{elements}"));
-    let e = with("2\n7 4 2 1 1 1 2 3 4\n8 14 2 1 1 1 2 3 4 1 2\n$EndElements\n");
+    let e = with("2\n7 4 2 1 1 1 2 3 4\n8 29 2 1 1 1 2 3 4 1 2\n$EndElements\n");
     assert_eq!(e.place(), Place::ItemOnLine("element", 8, 14));
-    assert!(e.found().contains("pyramid (14 nodes)"), "{e}");
+    assert!(e.found().contains("tetrahedron of order 3"), "{e}");
     let e = with("1\n7 4 2 1 1 1 2 3 9\n$EndElements\n");
     assert_eq!(e.place(), Place::Item("element", 7));
     assert!(e.found().contains("node 9"), "{e}");

@@ -1,13 +1,13 @@
 //! Hexes, wedges, pyramids and tets in one mesh, with cells that agree on the faces they share.
 
-use crate::strategy::{Noise, renumberings};
+use crate::strategy::{Noise, elevated, renumberings};
 use druse::cell::{
     Cell, FitOptions, Skeleton, Solid, Source, Surface, Table, fit_matched, fit_source,
 };
 use druse::field::Field;
 use druse::frame::{CellPoint, Element, Vec3};
 use druse::progress::Silent;
-use druse::scaffold::{Connectivity, Kind, Scaffold};
+use druse::scaffold::{Connectivity, Kind, Neighbour, Scaffold};
 use druse::tiling::{
     Blend, CellField, Certificate, Filling, Interpolation, Member, TilingError, certify,
 };
@@ -140,6 +140,13 @@ fn cells_of_a_mixed_mesh_meet_once_they_are_matched() {
         c.value_jump_max
     );
     assert!(c.kinds.iter().all(|k| k.crossings > 0) && c.kinds.len() == 2);
+    // The same on curved elements: what neighbours of second order share is one curved face.
+    for full in [true, false] {
+        let s = elevated(&s, full, 0.08, 6);
+        assert!(s.validate().unwrap().warnings().is_empty());
+        let c = certified(&s, &matched);
+        assert!(c.value_jump_max < 1e-9, "{full} {}", c.value_jump_max);
+    }
     let tables: Vec<Table> = matched
         .iter()
         .map(|c| Table::with_tolerance(c, 2e-5).unwrap())
@@ -156,6 +163,54 @@ fn cells_of_a_mixed_mesh_meet_once_they_are_matched() {
             "{:?} {rms} {share}",
             own.element()
         );
+    }
+}
+
+/// Every point of a shared face, by the map of either element, is one point.
+#[test]
+fn curved_faces_of_a_mixed_mesh_have_one_geometry_from_both_sides() {
+    for (full, seed) in [(true, 1), (false, 2), (true, 3), (false, 4)] {
+        let s = elevated(&mixed(0.1, seed), full, 0.16, seed);
+        let mut noise = Noise::new(seed);
+        let mut met = std::collections::BTreeSet::new();
+        for f in (0..s.len()).flat_map(|e| s.faces_of(e)) {
+            let Neighbour::Face(g) = s.neighbour(f) else {
+                continue;
+            };
+            let (e, other) = (s.element(f.element as usize), s.element(g.element as usize));
+            met.insert([e.kind(), other.kind()]);
+            // The same shares of the corners, whatever their order, in both cells.
+            let corners = e.kind().faces()[f.face as usize].corners;
+            let turned = |n: u8| {
+                let own = e.nodes()[usize::from(n)];
+                let place = other.nodes().iter().position(|&m| m == own).unwrap();
+                other.kind().reference_nodes()[place].0
+            };
+            for _ in 0..10 {
+                let [u, v] = [0; 2].map(|_| f64::midpoint(noise.signed(), 1.0));
+                let shares = if corners.len() == 3 {
+                    [(1.0 - u) * (1.0 - v), u * (1.0 - v), v, 0.0]
+                } else {
+                    [(1.0 - u) * (1.0 - v), u * (1.0 - v), u * v, (1.0 - u) * v]
+                };
+                let reference = e.kind().reference_nodes();
+                let own = corners.iter().zip(shares);
+                let here: Vec3 = own
+                    .clone()
+                    .map(|(&n, w)| reference[usize::from(n)].0 * w)
+                    .sum();
+                let there: Vec3 = own.map(|(&n, w)| turned(n) * w).sum();
+                let gap = (e.map(CellPoint(here)).0 - other.map(CellPoint(there)).0).norm();
+                assert!(gap < 1e-13, "{:?} {:?} {gap}", e.kind(), other.kind());
+            }
+        }
+        let pyramid = if full {
+            Kind::Pyramid14
+        } else {
+            Kind::Pyramid13
+        };
+        let hex = if full { Kind::Hex27 } else { Kind::Hex20 };
+        assert!(met.contains(&[pyramid, hex]) && met.contains(&[pyramid, Kind::Tet10]));
     }
 }
 

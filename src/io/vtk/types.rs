@@ -1,0 +1,129 @@
+//! What VTK's cell types are to us.
+//!
+//! Lagrange cells (69 to 74) of order 1 and 2 have the nodes of the kinds with as many of them, in the
+//! same order. Only the quadratic hexahedron once differed: before version 2.1 of `.vtu` and 5.1 of
+//! `.vtk` its nodes 18 and 19 changed places, as VTK itself reads such files.
+//!
+//! Of the triquadratic pyramid's 19 nodes the first 14 are those of Pyramid14. Its triangles have a node in
+//! the middle, which must stand where the other six put it: else the faces of neighbours would not
+//! meet. Its innermost node moves no face and is left out.
+
+use crate::scaffold::Kind;
+
+/// A Lagrange cell: its number of nodes decides.
+const LAGRANGE: [(u8, usize, Kind); 12] = [
+    (69, 3, Kind::Tri3),
+    (69, 6, Kind::Tri6),
+    (70, 4, Kind::Quad4),
+    (70, 9, Kind::Quad9),
+    (71, 4, Kind::Tet4),
+    (71, 10, Kind::Tet10),
+    (72, 8, Kind::Hex8),
+    (72, 27, Kind::Hex27),
+    (73, 6, Kind::Wedge6),
+    (73, 18, Kind::Wedge18),
+    (74, 5, Kind::Pyramid5),
+    (74, 14, Kind::Pyramid14),
+];
+/// Names of the cell types that we do not fill.
+const NAMES: [(u8, &str); 25] = [
+    (15, "pentagonal prism"),
+    (16, "hexagonal prism"),
+    (31, "quadratic linear wedge"),
+    (33, "biquadratic hexahedron (24 nodes)"),
+    (41, "convex point set"),
+    (42, "polyhedron"),
+    (61, "higher-order triangle"),
+    (62, "higher-order quadrilateral"),
+    (63, "higher-order polygon"),
+    (64, "higher-order tetrahedron"),
+    (65, "higher-order wedge"),
+    (66, "higher-order pyramid"),
+    (67, "higher-order hexahedron"),
+    (69, "Lagrange triangle"),
+    (70, "Lagrange quadrilateral"),
+    (71, "Lagrange tetrahedron"),
+    (72, "Lagrange hexahedron"),
+    (73, "Lagrange wedge"),
+    (74, "Lagrange pyramid"),
+    (76, "Bezier triangle"),
+    (77, "Bezier quadrilateral"),
+    (78, "Bezier tetrahedron"),
+    (79, "Bezier hexahedron"),
+    (80, "Bezier wedge"),
+    (81, "Bezier pyramid"),
+];
+/// Cell types of points and lines, and of surfaces that bound solids: counted and passed over.
+const FLAT: [u8; 15] = [0, 1, 2, 3, 4, 6, 7, 21, 30, 34, 35, 36, 60, 68, 75];
+/// A pixel's and a voxel's nodes in the order of a quad and a hexahedron.
+const PIXEL: [u8; 4] = [0, 1, 3, 2];
+const VOXEL: [u8; 8] = [0, 1, 3, 2, 4, 5, 7, 6];
+/// Nodes in the order of the file.
+const IN_ORDER: [u8; 27] = [
+    0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18, 19, 20, 21, 22, 23, 24, 25,
+    26,
+];
+/// A quadratic Lagrange hexahedron's nodes in files of old versions.
+const OLD_HEX27: [u8; 27] = [
+    0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 19, 18, 20, 21, 22, 23, 24, 25,
+    26,
+];
+/// Nodes of a triquadratic pyramid.
+pub(super) const PYRAMID19: usize = 19;
+
+/// A cell as an element of ours.
+pub(super) enum Cell {
+    /// Its kind, the nodes that a cell of the type has, and which of them stands at each place.
+    Element(Kind, usize, &'static [u8]),
+    /// Passed over.
+    Flat,
+    /// What it is, and whether it is a Lagrange cell of another order.
+    Refused(String, bool),
+}
+
+/// Whether it is a Lagrange cell with an order of its own.
+pub(super) fn is_lagrange(cell_type: u8) -> bool {
+    (69..=74).contains(&cell_type)
+}
+
+/// The degree along every axis of a Lagrange cell that is read.
+pub(super) fn lagrange_degree(cell_type: u8, nodes: usize) -> Option<usize> {
+    let found = LAGRANGE.iter().find(|l| (l.0, l.1) == (cell_type, nodes))?;
+    Some(found.2.degree())
+}
+
+/// What a cell of this type and number of nodes is; `old` in files before the change of numbering.
+pub(super) fn cell(cell_type: u8, nodes: usize, old: bool) -> Cell {
+    if is_lagrange(cell_type) {
+        let mut of_type = LAGRANGE.iter().filter(|l| l.0 == cell_type);
+        return match of_type.find(|l| l.1 == nodes) {
+            Some((_, _, Kind::Hex27)) if old => Cell::Element(Kind::Hex27, nodes, &OLD_HEX27),
+            Some(&(_, _, kind)) => Cell::Element(kind, nodes, &IN_ORDER[..nodes]),
+            None => Cell::Refused(format!("{} of {nodes} nodes", name(cell_type)), true),
+        };
+    }
+    match (cell_type, Kind::from_vtk(cell_type)) {
+        (8, _) => Cell::Element(Kind::Quad4, 4, &PIXEL),
+        (11, _) => Cell::Element(Kind::Hex8, 8, &VOXEL),
+        (_, Some(Kind::Pyramid14)) => Cell::Element(Kind::Pyramid14, PYRAMID19, &IN_ORDER[..14]),
+        (_, Some(kind)) => Cell::Element(kind, kind.node_count(), &IN_ORDER[..kind.node_count()]),
+        _ if FLAT.contains(&cell_type) => Cell::Flat,
+        _ => Cell::Refused(name(cell_type), false),
+    }
+}
+
+/// A type's name with its number.
+pub(super) fn name(cell_type: u8) -> String {
+    match NAMES.iter().find(|n| n.0 == cell_type) {
+        Some((_, name)) => format!("a {name} (cell type {cell_type})"),
+        None => format!("the cell type {cell_type}"),
+    }
+}
+
+/// Major and minor version from the text of one, such as 5.1.
+pub(super) fn version(text: &str) -> Option<(u32, u32)> {
+    let mut parts = text.trim().split('.');
+    let major = parts.next()?.parse().ok()?;
+    let minor = parts.next().and_then(|m| m.parse().ok());
+    Some((major, minor.unwrap_or(0)))
+}
