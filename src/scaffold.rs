@@ -31,6 +31,7 @@ mod grid;
 mod kind;
 mod map;
 mod orientation;
+mod overlaps;
 mod polynomial;
 mod pyramid;
 mod report;

@@ -96,6 +96,9 @@ fn make_bricks(p: &Parameters, is_plan: bool, session: &Session) -> Result<Answe
 /// What a run or a merge says at its end.
 pub(super) fn reported(report: &Report, session: &Session) -> Answer {
     session.finish();
+    for note in report.scaffold.iter().flat_map(|s| &s.notes) {
+        session.note(&format!("scaffold: {note}"));
+    }
     // Of masks no box is known.
     for input in report.inputs.iter().filter(|i| !i.bounds.is_empty()) {
         let [a, b] =

@@ -228,8 +228,11 @@ fn describe_surface(path: &Path, file: &SurfaceFile) -> (String, Value) {
         "kind": "surface", "path": path.display().to_string(), "elements": kinds,
         "nodes": file.surface.nodes().len(), "box": [min, max], "groups": groups,
         "fields": fields, "skipped": file.skipped, "unused_nodes": file.unused_nodes,
-        "notes": file.notes,
+        "notes": file.notes, "warnings": file.warnings,
     });
+    for note in &file.warnings {
+        let _ = writeln!(text, "note: {note}");
+    }
     (text, facts)
 }
 
@@ -248,6 +251,8 @@ fn describe_solids(path: &Path, file: &ScaffoldFile) -> (String, Value) {
     let groups = groups_of(&file.groups, &mut text);
     let fields = fields_of(&file.fields, &mut text);
     left_out(file.skipped, &file.notes, &mut text);
+    let mut warnings = file.warnings.clone();
+    warnings.extend(report.warnings());
     let facts = json!({
         "kind": "scaffold",
         "path": path.display().to_string(),
@@ -269,10 +274,10 @@ fn describe_solids(path: &Path, file: &ScaffoldFile) -> (String, Value) {
         "skipped": file.skipped,
         "unused_nodes": file.unused_nodes,
         "notes": file.notes,
-        "warnings": report.warnings(),
+        "warnings": warnings,
     });
-    for warning in report.warnings() {
-        let _ = writeln!(text, "note: {warning}");
+    for note in &warnings {
+        let _ = writeln!(text, "note: {note}");
     }
     (text, facts)
 }

@@ -1,4 +1,10 @@
 //! Nodes, elements, groups and fields as a file lists them, and what becomes of them.
+//!
+//! An element that is given again (the same corners, in any order and hand, under any number) is merged into the
+//! first, in every format: some write an element once for each group that it belongs to. The first one
+//! keeps its number and its fields, groups of the others become its own, and a note counts them.
+
+mod twins;
 
 use super::scaffold::{
     DataField, ElementFile, FieldAt, Group, ScaffoldFile, SurfaceFile, no_solids,
@@ -28,6 +34,8 @@ pub(super) struct Collector<'a> {
     pub skipped: usize,
     /// What the reader has to say that is no fault of the file.
     pub notes: Vec<String>,
+    /// What looks wrong in the file.
+    pub warnings: Vec<String>,
 }
 
 /// The number of the first group that is known by its name only.
@@ -48,6 +56,7 @@ impl<'a> Collector<'a> {
             cells: 0,
             skipped: 0,
             notes: Vec::new(),
+            warnings: Vec::new(),
         }
     }
 
@@ -101,24 +110,12 @@ impl<'a> Collector<'a> {
         }
     }
 
-    /// Adds the last element to more groups if it is `number`, which a file may list once a group.
-    pub fn again(&mut self, number: u64, groups: &[i64]) -> bool {
-        if self.element_numbers.last() != Some(&number) {
-            return false;
-        }
-        let place = self.elements.len() as u32 - 1;
-        for g in groups {
-            let members = self.groups.entry(*g).or_default();
-            if members.last() != Some(&place) {
-                members.push(place);
-            }
-        }
-        true
-    }
-
     /// The elements of all that was collected: the solids if there are any, else the planar ones.
     /// `name` gives the names of groups.
-    pub fn finish(self, name: impl Fn(i64) -> Option<String>) -> Result<ElementFile, ReadError> {
+    pub fn finish(
+        mut self,
+        name: impl Fn(i64) -> Option<String>,
+    ) -> Result<ElementFile, ReadError> {
         let places = Places::new(self.path, &self.point_numbers)?;
         let all = 0..self.elements.len();
         let planar = all.clone().all(|e| self.elements.kind(e).is_planar());
@@ -159,6 +156,22 @@ impl<'a> Collector<'a> {
             elements.push(kind, &renumbered[..own.len()]);
         }
         let skipped = self.skipped + self.elements.len() - kept.len();
+        let twins = self.twins(&nodes, &elements, &kept)?;
+        if !twins.is_empty() {
+            let mut first = Connectivity::default();
+            let mut remaining = Vec::new();
+            for (place, &e) in kept.iter().enumerate() {
+                // A twin is merged into an element before it.
+                new_place[e] = twins
+                    .get(&(place as u32))
+                    .map_or(remaining.len() as u32, |of| new_place[kept[*of as usize]]);
+                if !twins.contains_key(&(place as u32)) {
+                    first.push(elements.kind(place), elements.nodes(place));
+                    remaining.push(e);
+                }
+            }
+            (elements, kept) = (first, remaining);
+        }
         let unused_nodes = self.points.len() - nodes.len();
         let fields = self.kept_fields(&node_places, &kept)?;
         let numbers: Vec<u64> = kept.iter().map(|&e| self.element_numbers[e]).collect();
@@ -166,17 +179,20 @@ impl<'a> Collector<'a> {
         let groups = self
             .groups
             .iter()
-            .map(|(number, members)| Group {
+            .map(|(number, members)| {
+                let places = members.iter().map(|&e| new_place[e as usize]);
+                let mut elements: Vec<u32> = places.filter(|&e| e != u32::MAX).collect();
+                elements.sort_unstable();
+                elements.dedup();
+                (number, elements)
+            })
+            .map(|(number, elements)| Group {
+                elements,
                 name: named
                     .get(number)
                     .map(|n| (*n).clone())
                     .or_else(|| name(*number))
                     .unwrap_or_else(|| number.to_string()),
-                elements: members
-                    .iter()
-                    .map(|&e| new_place[e as usize])
-                    .filter(|&e| e != u32::MAX)
-                    .collect(),
             })
             .filter(|g: &Group| !g.elements.is_empty())
             .collect();
@@ -191,6 +207,7 @@ impl<'a> Collector<'a> {
                 skipped,
                 unused_nodes,
                 notes: self.notes,
+                warnings: self.warnings,
             }));
         }
         let scaffold = Scaffold::new(nodes, elements)
@@ -203,6 +220,7 @@ impl<'a> Collector<'a> {
             skipped,
             unused_nodes,
             notes: self.notes,
+            warnings: self.warnings,
         })))
     }
 
@@ -251,7 +269,7 @@ impl<'a> Collector<'a> {
             ScaffoldError::Empty => {
                 let found = match self.skipped {
                     0 => "no elements".to_owned(),
-                    n => format!("only {n} points and lines"),
+                    n => format!("only {n} elements without volume or surface"),
                 };
                 no_solids(self.path, found)
             }

@@ -1,355 +1,425 @@
-//! Abaqus and `CalculiX` input decks, `.inp`: nodes, elements, element sets.
+//! Abaqus and `CalculiX` input decks, `.inp`: nodes, elements, element sets, parts and instances.
 //!
-//! `*NODE`, `*ELEMENT` (with `TYPE` and `ELSET`), `*ELSET` (with `GENERATE`), `*NSET` and `*INCLUDE` are
-//! read, every other keyword is passed over. Keywords and parameters are of either case, names are
-//! taken as they are, in capitals for comparison. Abaqus numbers the nodes of its elements as VTK
-//! does. A deck of parts and instances is read only if it has one instance that is not moved.
+//! - **Read**: `*NODE` (rectangular, cylindrical and spherical, in the system of `*SYSTEM`),
+//!   `*ELEMENT`, `*NSET`, `*ELSET`, `*INCLUDE`, `INPUT=`; the generating `*NGEN`, `*NFILL`, `*NCOPY`, `*ELGEN`,
+//!   `*ELCOPY`; `*PART`, `*ASSEMBLY`, `*INSTANCE` with its motion. Keywords, labels and names of sets
+//!   are of either case.
+//! - **Passed over**: keywords known to say nothing of geometry. Elements without volume or surface (beams,
+//!   springs, masses) are counted and left out.
+//! - **Refused by name**: keywords and parameters that make or move geometry in other ways, element
+//!   types without a meaning here, data before the first keyword, and unknown keywords one letter
+//!   away from one that is read. Other unknown keywords are passed over with a warning that names them, since
+//!   both programs gain keywords every year and nearly none of them is about geometry.
+//!
+//! Abaqus numbers the nodes of its elements as VTK does but for C3D27.
+
+mod assembly;
+mod begin;
+mod copy;
+mod generate;
+mod keyword;
+mod model;
+mod names;
+mod system;
+mod types;
 
 use super::collector::Collector;
-use super::scaffold::{ElementFile, KINDS_READ};
+use super::scaffold::ElementFile;
 use super::{Place, ReadError, Source, quote};
 use crate::scaffold::Kind;
+use assembly::{Assembly, Part};
+use copy::Ncopy;
+use generate::{Made, Rule};
+use keyword::{Keyword, fields, real, whole};
+use model::{Model, Set};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use system::{Coordinates, Motion};
 
 /// Includes within includes.
 const DEEPEST: usize = 8;
-
-/// The kind of an Abaqus element type, if it fills space or a surface.
-fn kind_of(name: &str) -> Option<Kind> {
-    // Letters after the number of nodes tell integration and material apart, not the shape.
-    let digits: usize = name.len()
-        - name
-            .trim_end_matches(|c: char| c.is_ascii_alphabetic())
-            .len();
-    let stem = &name[..name.len() - digits];
-    let solid = ["C3D", "DC3D", "AC3D", "F3D", "MC3D", "EC3D"];
-    let planar = [
-        "CPS", "CPE", "CPEG", "CAX", "S", "M3D", "STRI", "SFM3D", "DC2D", "DS", "R3D", "AC2D",
-        "DCAX",
-    ];
-    let start = stem.trim_end_matches(|c: char| c.is_ascii_digit());
-    // The 3 of C3D is no number of nodes.
-    let nodes = stem[start.len()..].parse::<u32>().ok()?;
-    let is = |list: &[&str]| list.contains(&start);
-    Some(match nodes {
-        4 if is(&solid) => Kind::Tet4,
-        10 if is(&solid) => Kind::Tet10,
-        8 if is(&solid) => Kind::Hex8,
-        20 if is(&solid) => Kind::Hex20,
-        27 if is(&solid) => Kind::Hex27,
-        6 if is(&solid) => Kind::Wedge6,
-        15 if is(&solid) => Kind::Wedge15,
-        5 if is(&solid) => Kind::Pyramid5,
-        13 if is(&solid) => Kind::Pyramid13,
-        3 if is(&planar) => Kind::Tri3,
-        6 if is(&planar) => Kind::Tri6,
-        4 if is(&planar) => Kind::Quad4,
-        8 if is(&planar) => Kind::Quad8,
-        9 if is(&planar) => Kind::Quad9,
-        _ => return None,
-    })
-}
-
-/// Whether an element type is a solid or a surface, though not one of ours.
-fn matters(name: &str) -> bool {
-    name.contains("3D")
-        && ![
-            "B3", "T3D", "SPRING", "DASH", "GAP", "CONN", "MASS", "PIPE", "R3D2",
-        ]
-        .iter()
-        .any(|p| name.starts_with(p))
-}
+/// Files that a deck may be spread over.
+const FILES_LIMIT: usize = 1000;
+/// Rows of data of a keyword that takes a few.
+const ROWS_LIMIT: usize = 8;
 
 /// What the data lines after a keyword are.
-#[derive(Clone)]
 enum Section {
-    Other,
-    Nodes,
-    Elements {
-        kind: Kind,
-        set: Option<String>,
-    },
-    /// Elements of a type without shape for us: nodes of the first are not even counted.
+    /// No keyword so far.
+    Start,
+    /// Nothing of the geometry.
     Passed,
-    Set {
+    Nodes(Coordinates, Option<String>),
+    /// Kinds by the number of nodes, and a set.
+    Elements(&'static [Kind], Option<String>),
+    /// Elements of this type, and a set.
+    LeftOut(String, Option<String>),
+    /// A set of nodes.
+    Nset {
         name: String,
         generate: bool,
     },
+    /// A set of elements, and whether it is one of the assembly, with its instance.
+    Elset {
+        name: String,
+        generate: bool,
+        assembly: Option<Option<usize>>,
+    },
+    System,
+    Rule(Rule),
+    Copy(Ncopy),
+    Instance(usize),
+}
+
+/// Whose nodes and elements are being read.
+enum Scope {
+    Root,
+    Part(String),
+    Assembly,
+    Instance(usize),
 }
 
 struct Deck<'a> {
-    collector: Collector<'a>,
+    path: &'a Path,
     section: Section,
+    scope: Scope,
     /// Numbers of the element being read, as far as its lines go.
     pending: Vec<u64>,
-    /// Members of sets by number, and sets that are members.
-    sets: BTreeMap<String, (Vec<u64>, Vec<String>)>,
-    places: BTreeMap<u64, u32>,
-    instances: usize,
+    /// Rows of the keyword being read that are used when it ends.
+    rows: Vec<Vec<f64>>,
+    all: Assembly,
+    system: Option<Motion>,
+    made: Made,
+    files: usize,
+    /// Keywords of no table and how often.
+    unknown: BTreeMap<String, usize>,
 }
 
 /// Reads an input deck.
 ///
 /// # Errors
-/// When it cannot be read, is damaged, or holds solids of other kinds.
+/// When it cannot be read, is damaged, or holds what the head of this module says is refused.
 pub fn read(path: &Path) -> Result<ElementFile, ReadError> {
     let mut deck = Deck {
-        collector: Collector::new(path),
-        section: Section::Other,
+        path,
+        section: Section::Start,
+        scope: Scope::Root,
         pending: Vec::new(),
-        sets: BTreeMap::new(),
-        places: BTreeMap::new(),
-        instances: 0,
+        rows: Vec::new(),
+        all: Assembly::default(),
+        system: None,
+        made: Made::default(),
+        files: 0,
+        unknown: BTreeMap::new(),
     };
     deck.file(path, 0)?;
-    deck.groups(path)?;
-    deck.collector.finish(|_| None)
+    let mut collector = Collector::new(path);
+    for (name, count) in deck.unknown {
+        collector.warnings.push(format!(
+            "the unknown keyword *{name} is passed over ({count} times)"
+        ));
+    }
+    deck.all.collect(path, &mut collector)?;
+    collector.finish(|_| None)
+}
+
+/// Whether a line that follows a keyword line with a comma at its end goes on with parameters.
+fn goes_on(line: &str) -> bool {
+    line.starts_with(|c: char| c.is_ascii_alphabetic() || c == '"')
 }
 
 impl Deck<'_> {
+    fn open(&mut self, path: &Path, depth: usize) -> Result<Source, ReadError> {
+        self.files += 1;
+        let source = Source::open(path)?;
+        if depth > DEEPEST {
+            let found = format!("an *INCLUDE {DEEPEST} files deep");
+            return Err(source.bad(found, "fewer includes within includes"));
+        }
+        if self.files > FILES_LIMIT {
+            let expected = format!("at most {FILES_LIMIT} files");
+            return Err(source.bad(format!("file {} of a deck", self.files), expected));
+        }
+        Ok(source)
+    }
+
     fn file(&mut self, path: &Path, depth: usize) -> Result<(), ReadError> {
-        let mut source = Source::open(path)?;
+        let mut source = self.open(path, depth)?;
         let mut joined = String::new();
         while let Some(line) = source.line()? {
-            let line = line.trim();
+            let line = line.trim().to_owned();
             if line.is_empty() || line.starts_with("**") {
                 continue;
             }
-            if line.starts_with('*') || !joined.is_empty() {
-                joined.push_str(line);
-                // A keyword's parameters go on after a comma at the end of the line.
-                if line.ends_with(',') && joined.len() < 1 << 16 {
+            if !joined.is_empty() {
+                if goes_on(&line) && joined.len() < 1 << 16 {
+                    joined.push_str(&line);
+                    if line.ends_with(',') {
+                        continue;
+                    }
+                    let keyword = std::mem::take(&mut joined);
+                    self.keyword(&keyword, &source, path, depth)?;
                     continue;
                 }
                 let keyword = std::mem::take(&mut joined);
-                self.end_of_section(&source)?;
-                if let Some(included) = self.keyword(&keyword, &source)? {
-                    if depth == DEEPEST {
-                        let found = format!("an *INCLUDE {DEEPEST} files deep");
-                        return Err(source.bad(found, "fewer includes within includes"));
-                    }
-                    let directory = path.parent().unwrap_or(Path::new(""));
-                    self.file(&directory.join(included), depth + 1)?;
+                self.keyword(&keyword, &source, path, depth)?;
+            }
+            if line.starts_with('*') {
+                // A keyword's parameters go on after a comma at the end of the line.
+                if line.ends_with(',') {
+                    joined = line;
+                } else {
+                    self.keyword(&line, &source, path, depth)?;
                 }
                 continue;
             }
-            let line = line.to_owned();
             self.data(&line, &source)?;
+        }
+        if !joined.is_empty() {
+            self.keyword(&joined, &source, path, depth)?;
         }
         self.end_of_section(&source)
     }
 
-    /// Begins a section; gives the file to include.
-    fn keyword(&mut self, line: &str, source: &Source) -> Result<Option<PathBuf>, ReadError> {
-        let mut parts = line.split(',').map(str::trim);
-        let name = parts.next().unwrap_or("").to_ascii_uppercase();
-        let mut parameters: BTreeMap<String, String> = BTreeMap::new();
-        for part in parts.filter(|p| !p.is_empty()) {
-            let (key, value) = part.split_once('=').unwrap_or((part, ""));
-            let value = value.trim().trim_matches('"');
-            parameters.insert(key.trim().to_ascii_uppercase(), value.to_owned());
+    /// The nodes and elements that keywords are about.
+    fn model(&mut self) -> &mut Model {
+        match &self.scope {
+            Scope::Root => &mut self.all.root,
+            Scope::Assembly => &mut self.all.own,
+            Scope::Instance(i) => self.all.own_model(*i),
+            Scope::Part(key) => {
+                let part = self.all.parts.entry(key.clone());
+                &mut part
+                    .or_insert_with(|| Part {
+                        name: key.clone(),
+                        model: Model::default(),
+                    })
+                    .model
+            }
         }
-        self.section = match name.split_whitespace().collect::<String>().as_str() {
-            "*NODE" => Section::Nodes,
-            "*ELEMENT" => {
-                let Some(kind) = parameters.get("TYPE") else {
-                    return Err(source.bad(quote(line), "TYPE=, the type of the elements"));
-                };
-                let upper = kind.to_ascii_uppercase();
-                match kind_of(&upper) {
-                    Some(kind) => Section::Elements {
-                        kind,
-                        set: parameters.get("ELSET").cloned(),
-                    },
-                    None if matters(&upper) => {
-                        let found = format!("elements of type {}", quote(kind));
-                        return Err(source.bad(found, KINDS_READ).with_hint(
-                            "types such as C3D4, C3D10, C3D8, C3D20, C3D6, C3D15, S3, S4, S8",
-                        ));
-                    }
-                    None => Section::Passed,
-                }
+    }
+
+    /// Ends a section and begins the next; reads what the keyword includes.
+    fn keyword(
+        &mut self,
+        line: &str,
+        source: &Source,
+        path: &Path,
+        depth: usize,
+    ) -> Result<(), ReadError> {
+        self.end_of_section(source)?;
+        let k = Keyword::parse(line);
+        self.section = self.begin(&k, source)?;
+        if k.name == "INCLUDE" {
+            let file = k.needed("INPUT", "the file to include", source)?;
+            return self.file(&self.beside(path, file), depth + 1);
+        }
+        let reads = !matches!(self.section, Section::Passed);
+        if let (true, Some(file)) = (reads, k.get("INPUT")) {
+            self.data_file(&self.beside(path, file), depth + 1)?;
+        }
+        Ok(())
+    }
+
+    /// A file named in a file: beside that, else beside the deck.
+    fn beside(&self, path: &Path, file: &str) -> PathBuf {
+        let at = |path: &Path| path.parent().unwrap_or(Path::new("")).join(file);
+        let near = at(path);
+        if near.exists() { near } else { at(self.path) }
+    }
+
+    /// A file of data lines alone.
+    fn data_file(&mut self, path: &Path, depth: usize) -> Result<(), ReadError> {
+        let mut source = self.open(path, depth)?;
+        while let Some(line) = source.line()? {
+            let line = line.trim().to_owned();
+            if line.is_empty() || line.starts_with("**") {
+                continue;
             }
-            "*ELSET" => match parameters.get("ELSET").or_else(|| parameters.get("NAME")) {
-                Some(name) => Section::Set {
-                    name: name.clone(),
-                    generate: parameters.contains_key("GENERATE"),
-                },
-                None => return Err(source.bad(quote(line), "ELSET=, the name of the set")),
-            },
-            "*INSTANCE" => {
-                self.instances += 1;
-                if self.instances > 1 {
-                    return Err(source
-                        .bad("a second *INSTANCE", "one part")
-                        .with_hint("write the deck without parts (Abaqus: model.setValues(noPartsInputFile=ON))"));
-                }
-                Section::Other
+            if line.starts_with('*') {
+                return Err(source.bad(
+                    quote(&line),
+                    "data lines of the keyword that names this file",
+                ));
             }
-            "*INCLUDE" => {
-                self.section = Section::Other;
-                return match parameters.get("INPUT") {
-                    Some(file) => Ok(Some(PathBuf::from(file))),
-                    None => Err(source.bad(quote(line), "INPUT=, the file to include")),
-                };
-            }
-            _ => Section::Other,
-        };
-        Ok(None)
+            self.data(&line, &source)?;
+        }
+        Ok(())
     }
 
     fn data(&mut self, line: &str, source: &Source) -> Result<(), ReadError> {
-        let words = line.split(',').map(str::trim);
-        match &self.section {
-            Section::Other => {}
-            Section::Passed => self.collector.skipped += 1,
-            Section::Nodes => {
-                let words: Vec<&str> = words.collect();
+        // The section is put back below; an error ends the reading.
+        let section = std::mem::replace(&mut self.section, Section::Passed);
+        match &section {
+            Section::Passed => {}
+            Section::Start => {
+                let expected = "a keyword, such as *NODE";
+                return Err(source
+                    .bad(quote(line), expected)
+                    .with_hint("is this an Abaqus deck?"));
+            }
+            Section::Nodes(coordinates, set) => {
+                let words = fields(line);
                 let number = whole(words[0], "a node number", source)?;
                 let mut at = [0.0; 3];
                 for (c, word) in at.iter_mut().zip(&words[1..]) {
-                    // Coordinates may be left out at the end; `1.D0` is Fortran's way to write 1.
-                    let text = word.replace(['D', 'd'], "e");
-                    *c = if word.is_empty() {
-                        0.0
-                    } else {
-                        let read = text.parse();
-                        read.map_err(|_| source.bad(quote(word), "a coordinate"))?
-                    };
+                    *c = real(word, "a coordinate", source)?;
                 }
-                self.collector.point(number, at);
-            }
-            Section::Elements { kind, set } => {
-                let (kind, set) = (*kind, set.clone());
-                for word in words.filter(|w| !w.is_empty()) {
-                    self.pending.push(whole(word, "a node number", source)?);
-                }
-                let wanted = kind.node_count() + 1;
-                if self.pending.len() > wanted {
-                    let found = format!("{} nodes", self.pending.len() - 1);
-                    let expected = format!("{} for a {}", kind.node_count(), kind.name());
-                    let place = Place::ItemOnLine("element", self.pending[0], source.line_number());
-                    return Err(ReadError::data(source.path(), place, found, expected));
-                }
-                if self.pending.len() == wanted {
-                    let number = self.pending[0];
-                    let place = self.places.len() as u32;
-                    if self.places.insert(number, place).is_some() {
-                        let place = Place::ItemOnLine("element", number, source.line_number());
-                        let found = "a second element of this number";
-                        return Err(ReadError::data(
-                            source.path(),
-                            place,
-                            found,
-                            "every number once",
-                        ));
-                    }
-                    self.collector
-                        .element(number, kind, &self.pending[1..], &[]);
-                    if let Some(set) = set {
-                        self.sets.entry(set).or_default().0.push(number);
-                    }
-                    self.pending.clear();
+                let local = coordinates.point(at);
+                let at = self.system.map_or(local, |s| s.apply(local));
+                let model = self.model();
+                model.add_node(number, at, source)?;
+                if let Some(set) = set {
+                    model.node_sets.entry(set).numbers.push(number);
                 }
             }
-            Section::Set { name, generate } => {
-                let words: Vec<&str> = words.filter(|w| !w.is_empty()).collect();
-                let (name, generate) = (name.clone(), *generate);
-                let (members, sets) = self.sets.entry(name).or_default();
-                if generate {
-                    let mut numbers = [0, 0, 1];
-                    for (n, word) in numbers.iter_mut().zip(&words) {
-                        *n = whole(word, "first, last and step of a set", source)?;
-                    }
-                    let [first, last, step] = numbers;
-                    // Only numbers that exist are kept, so the count is bounded by the elements'.
-                    let known = self.places.range(first..=last.max(first));
-                    members.extend(
-                        known
-                            .map(|(n, _)| *n)
-                            .filter(|n| (n - first) % step.max(1) == 0),
-                    );
-                } else {
-                    for word in words {
-                        match word.parse() {
-                            Ok(number) => members.push(number),
-                            Err(_) => sets.push(word.to_owned()),
-                        }
-                    }
-                }
+            Section::Elements(kinds, set) => self.element(line, kinds, set.as_deref(), source)?,
+            Section::LeftOut(kind, set) => self.leave_out(line, kind, set.as_deref(), source)?,
+            Section::Nset { name, generate } => {
+                self.model()
+                    .node_sets
+                    .entry(name)
+                    .data(line, *generate, source)?;
             }
-        }
-        Ok(())
-    }
-
-    fn end_of_section(&mut self, source: &Source) -> Result<(), ReadError> {
-        match (&self.section, self.pending.first()) {
-            (Section::Elements { kind, .. }, Some(&number)) => {
-                let place = Place::ItemOnLine("element", number, source.line_number());
-                let found = format!("{} nodes", self.pending.len() - 1);
-                let expected = format!("{} for a {}", kind.node_count(), kind.name());
-                Err(ReadError::data(source.path(), place, found, expected))
-            }
-            _ => Ok(()),
-        }
-    }
-
-    fn groups(&mut self, path: &Path) -> Result<(), ReadError> {
-        for name in self.sets.keys() {
-            let mut found = Vec::new();
-            let mut seen = vec![name.as_str()];
-            let mut open = vec![name.as_str()];
-            while let Some(set) = open.pop() {
-                let Some((members, sets)) = self.sets.get(set) else {
-                    let place = Place::File;
-                    let text = format!("element set {} in {}", quote(set), quote(name));
-                    return Err(ReadError::data(path, place, text, "a set of the deck"));
+            Section::Elset {
+                name,
+                generate,
+                assembly,
+            } => {
+                let set: &mut Set = match assembly {
+                    Some(instance) => self.all.set(name, *instance),
+                    None => self.model().element_sets.entry(name),
                 };
-                found.extend(members.iter().filter_map(|n| self.places.get(n)).copied());
-                for inner in sets {
-                    if !seen.contains(&inner.as_str()) {
-                        seen.push(inner);
-                        open.push(inner);
-                    }
-                }
+                set.data(line, *generate, source)?;
             }
-            self.collector.named_group(name, &found);
+            Section::Rule(rule) => {
+                let mut made = std::mem::take(&mut self.made);
+                rule.line(&fields(line), self.model(), &mut made, source)?;
+                self.made = made;
+            }
+            Section::System | Section::Copy(_) | Section::Instance(_) => {
+                let mut row = Vec::new();
+                let text = line.trim_end_matches(|c: char| c == ',' || c.is_whitespace());
+                for word in fields(text).into_iter().take(16) {
+                    row.push(real(word, "a coordinate", source)?);
+                }
+                if self.rows.len() == ROWS_LIMIT {
+                    let expected = format!("at most {ROWS_LIMIT} data lines");
+                    return Err(source.bad(quote(line), expected));
+                }
+                self.rows.push(row);
+            }
+        }
+        self.section = section;
+        Ok(())
+    }
+
+    /// A line of an element, which may go over several.
+    fn element(
+        &mut self,
+        line: &str,
+        kinds: &[Kind],
+        set: Option<&str>,
+        source: &Source,
+    ) -> Result<(), ReadError> {
+        for word in fields(line).into_iter().filter(|w| !w.is_empty()) {
+            self.pending.push(whole(word, "a node number", source)?);
+        }
+        let count = self.pending.len().saturating_sub(1);
+        let most = kinds[kinds.len() - 1];
+        if count > most.node_count() {
+            return Err(self.wrong_count(most, source));
+        }
+        let Some(&kind) = kinds.iter().find(|k| k.node_count() == count) else {
+            return Ok(());
+        };
+        // Kinds with more nodes go on after a comma.
+        if line.ends_with(',') && kind != most {
+            return Ok(());
+        }
+        let pending = std::mem::take(&mut self.pending);
+        let model = self.model();
+        model.add_element(pending[0], kind, &pending[1..], source)?;
+        if let Some(set) = set {
+            model.element_sets.entry(set).numbers.push(pending[0]);
+        }
+        self.pending = pending;
+        self.pending.clear();
+        Ok(())
+    }
+
+    /// A line of an element without volume or surface.
+    fn leave_out(
+        &mut self,
+        line: &str,
+        kind: &str,
+        set: Option<&str>,
+        source: &Source,
+    ) -> Result<(), ReadError> {
+        let goes_on = line.ends_with(',');
+        // Here too numbers of nodes may go on; they are of no use.
+        if self.pending.is_empty() {
+            let number = whole(fields(line)[0], "an element number", source)?;
+            let model = self.model();
+            model.leave_out(number, kind, source)?;
+            if let Some(set) = set {
+                model.element_sets.entry(set).numbers.push(number);
+            }
+            if goes_on {
+                self.pending.push(number);
+            }
+        } else if !goes_on {
+            self.pending.clear();
         }
         Ok(())
     }
-}
 
-fn whole(word: &str, what: &str, source: &Source) -> Result<u64, ReadError> {
-    word.parse().map_err(|_| source.bad(quote(word), what))
-}
+    fn wrong_count(&self, kind: Kind, source: &Source) -> ReadError {
+        let place = Place::ItemOnLine("element", self.pending[0], source.line_number());
+        let found = format!("{} nodes", self.pending.len() - 1);
+        let expected = format!("{} for a {}", kind.node_count(), kind.name());
+        ReadError::data(source.path(), place, found, expected)
+    }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn element_types_have_their_kinds() {
-        for (name, kind) in [
-            ("C3D4", Some(Kind::Tet4)),
-            ("C3D10M", Some(Kind::Tet10)),
-            ("C3D8R", Some(Kind::Hex8)),
-            ("C3D8I", Some(Kind::Hex8)),
-            ("C3D20RH", Some(Kind::Hex20)),
-            ("C3D15", Some(Kind::Wedge15)),
-            ("C3D6", Some(Kind::Wedge6)),
-            ("DC3D8", Some(Kind::Hex8)),
-            ("S4R", Some(Kind::Quad4)),
-            ("S3", Some(Kind::Tri3)),
-            ("S8R", Some(Kind::Quad8)),
-            ("CPS4", Some(Kind::Quad4)),
-            ("CPE6", Some(Kind::Tri6)),
-            ("B31", None),
-            ("T3D2", None),
-            ("C3D13", Some(Kind::Pyramid13)),
-        ] {
-            assert_eq!(kind_of(name), kind, "{name}");
+    /// Uses what the section gathered.
+    fn end_of_section(&mut self, source: &Source) -> Result<(), ReadError> {
+        let rows = std::mem::take(&mut self.rows);
+        match std::mem::replace(&mut self.section, Section::Passed) {
+            Section::Elements(kinds, _) if !self.pending.is_empty() => {
+                return Err(self.wrong_count(kinds[0], source));
+            }
+            Section::System => {
+                let padded = |row: &Vec<f64>| {
+                    let mut own = row.clone();
+                    own.resize(row.len().next_multiple_of(3), 0.0);
+                    own
+                };
+                let numbers: Vec<f64> = rows.iter().flat_map(padded).collect();
+                let system = Motion::system(&numbers).map_err(|found| {
+                    source.bad(
+                        found,
+                        "*SYSTEM: an origin, a point on the x axis, a point beside it",
+                    )
+                })?;
+                self.system = Some(system).filter(|s| *s != Motion::default());
+            }
+            Section::Copy(copy) => {
+                let mut made = std::mem::take(&mut self.made);
+                copy.make(&rows, self.model(), &mut made, source)?;
+                self.made = made;
+            }
+            Section::Instance(place) => {
+                let motion = Motion::moved(&rows);
+                self.all.instances[place].motion = motion.ok_or_else(|| {
+                    source.bad(
+                        "an axis through one point",
+                        "*INSTANCE: two points of an axis, an angle",
+                    )
+                })?;
+            }
+            _ => {}
         }
-        assert!(matters("C3D7") && !matters("T3D2") && !matters("B31"));
+        self.pending.clear();
+        Ok(())
     }
 }

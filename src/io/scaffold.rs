@@ -51,6 +51,8 @@ pub struct ScaffoldFile {
     pub unused_nodes: usize,
     /// What was merged, renumbered or left out.
     pub notes: Vec<String>,
+    /// What looks wrong in the file.
+    pub warnings: Vec<String>,
 }
 
 /// A surface and what its file said beside it.
@@ -68,6 +70,8 @@ pub struct SurfaceFile {
     pub unused_nodes: usize,
     /// What was merged, renumbered or left out.
     pub notes: Vec<String>,
+    /// What looks wrong in the file.
+    pub warnings: Vec<String>,
 }
 
 /// What a file of elements holds: solids if there are any, else a surface.
@@ -93,6 +97,14 @@ impl ElementFile {
         match self {
             Self::Solids(f) => &f.notes,
             Self::Surface(f) => &f.notes,
+        }
+    }
+
+    /// What looks wrong in the file.
+    pub fn warnings(&self) -> &[String] {
+        match self {
+            Self::Solids(f) => &f.warnings,
+            Self::Surface(f) => &f.warnings,
         }
     }
 }

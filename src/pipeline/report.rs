@@ -84,6 +84,9 @@ pub struct ScaffoldReport {
     pub components: u64,
     /// Volume of all elements.
     pub volume: f64,
+    /// What the file's reader merged or left out.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub notes: Vec<String>,
     /// Least and greatest dihedral angle of straight tets, degrees.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub dihedral_degrees: Option<[f64; 2]>,

@@ -32,6 +32,8 @@ struct Raw {
     path: Option<PathBuf>,
     groups: Vec<Group>,
     envelope: Option<Arc<MeshSolid>>,
+    /// What its file's reader merged or left out.
+    notes: Vec<String>,
 }
 
 impl Raw {
@@ -41,6 +43,7 @@ impl Raw {
             path: None,
             groups: Vec::new(),
             envelope: None,
+            notes: Vec::new(),
         }
     }
 
@@ -87,7 +90,8 @@ pub(super) fn load(inputs: &mut Inputs, section: &ScaffoldSection) -> Result<Loa
         let cut = raw.scaffold.repeated(times).map_err(fail)?;
         raw = raw.divided(cut);
     }
-    let report = judge(inputs, &raw.scaffold, path.as_deref())?;
+    let mut report = judge(inputs, &raw.scaffold, path.as_deref())?;
+    report.notes = raw.notes;
     Ok(Loaded {
         scaffold: raw.scaffold,
         report,
@@ -149,6 +153,10 @@ fn source(inputs: &mut Inputs, section: &ScaffoldSection) -> Result<Raw, RunErro
     let fail = |e: ScaffoldError| failed(Some(&path), &e);
     let map = frame_map(file, file.unit.map(|u| u.0), inputs.recipe.unit());
     let read = crate::io::read_elements(&path)?;
+    for warning in read.warnings() {
+        inputs.warn(Warning::SCAFFOLD, format!("scaffold: {warning}"))?;
+    }
+    let notes = read.notes().to_vec();
     let raw = match read {
         ElementFile::Solids(file) => {
             if section.shell.is_some() || section.plate.is_some() {
@@ -165,6 +173,7 @@ fn source(inputs: &mut Inputs, section: &ScaffoldSection) -> Result<Raw, RunErro
                 groups: file.groups,
                 path: Some(path.clone()),
                 envelope: None,
+                notes,
             }
         }
         ElementFile::Surface(file) => {
@@ -202,6 +211,7 @@ fn source(inputs: &mut Inputs, section: &ScaffoldSection) -> Result<Raw, RunErro
                 groups: file.groups,
                 path: Some(path.clone()),
                 envelope: None,
+                notes,
             }
         }
     };
@@ -285,11 +295,17 @@ fn judge(
     path: Option<&Path>,
 ) -> Result<ScaffoldReport, RunError> {
     let found = scaffold.validate().map_err(|e| {
-        let (InvalidScaffold::Folded(bad, _) | InvalidScaffold::Degenerate(bad, _)) = &e;
+        let (element, message) = match &e {
+            InvalidScaffold::Folded(bad, _) | InvalidScaffold::Degenerate(bad, _) => (
+                bad.number,
+                format!("{e}; skip_inverted = true leaves such elements out"),
+            ),
+            InvalidScaffold::Overlap([_, second], _) => (*second, e.to_string()),
+        };
         RunError::Scaffold {
             file: path.map(Path::to_owned),
-            element: Some(bad.number),
-            message: format!("{e}; skip_inverted = true leaves such elements out"),
+            element: Some(element),
+            message,
         }
     })?;
     for warning in found.warnings() {
@@ -304,6 +320,7 @@ fn judge(
         hanging: found.defects.hanging.len() as u64,
         components: found.components as u64,
         volume: found.volume,
+        notes: Vec::new(),
         dihedral_degrees: scaffold.dihedral_range(),
     })
 }

@@ -41,6 +41,10 @@ pub struct Defects {
     pub unmerged: Vec<StrayNode>,
     /// Nodes inside another element.
     pub overlapping: Vec<StrayNode>,
+    /// Pairs of elements of different components that fill the same space; they are united.
+    pub united: Vec<[u64; 2]>,
+    /// Pairs of elements of one component that fill the same space.
+    pub overlaps: Vec<[u64; 2]>,
     /// Faces with common corners and different mid nodes.
     pub torn: Vec<TornFace>,
     /// Nodes of no element.
@@ -57,6 +61,11 @@ enum Stray {
 impl Scaffold {
     /// Looks for places where neighbours do not fit.
     pub(super) fn defects(&self) -> Defects {
+        let found = self.overlaps();
+        let numbers = |pairs: Vec<[u32; 2]>| {
+            let pairs = pairs.into_iter();
+            pairs.map(|p| p.map(|e| self.number(e as usize))).collect()
+        };
         let mut used = vec![false; self.nodes().len()];
         for e in self.elements() {
             for &n in e.nodes() {
@@ -73,6 +82,8 @@ impl Scaffold {
                     group.iter().map(number).collect()
                 })
                 .collect(),
+            united: numbers(found.between),
+            overlaps: numbers(found.within),
             torn: self.torn(),
             unused_nodes: used.iter().filter(|u| !**u).count(),
             ..Defects::default()

@@ -1,6 +1,7 @@
 //! What a scaffold is like, and what is wrong with it.
 //!
-//! Folded and degenerate elements have no inverse map: they are errors. Hanging and unmerged nodes,
+//! Folded and degenerate elements have no inverse map, and where elements of one component overlap the
+//! field has two values: these are errors. Hanging and unmerged nodes,
 //! torn, crowded and overlapping places leave a seam in the tiled field: they are warnings.
 
 use super::orientation::parametric_scale;
@@ -59,6 +60,13 @@ pub enum InvalidScaffold {
         .0.number, .0.kind.name(), .0.determinant, .0.at, and_more(*.1)
     )]
     Degenerate(BadElement, usize),
+    /// Elements of one component that fill the same space.
+    #[error(
+        "elements {} and {} fill the same space{}; expected elements beside each other: those that are \
+         joined by faces cannot be united (parts with nodes of their own are)",
+        .0[0], .0[1], and_more(*.1)
+    )]
+    Overlap([u64; 2], usize),
 }
 
 fn and_more(others: usize) -> String {
@@ -151,7 +159,8 @@ impl Scaffold {
     /// As [`Self::report`], refusing scaffolds that cannot be filled.
     ///
     /// # Errors
-    /// [`InvalidScaffold`] names the first folded or degenerate element and the number of others.
+    /// [`InvalidScaffold`] names the first folded or degenerate element or the first two that overlap,
+    /// and the number of others.
     pub fn validate(&self) -> Result<ScaffoldReport, InvalidScaffold> {
         let report = self.report();
         if let Some(first) = report.folded.first() {
@@ -160,6 +169,10 @@ impl Scaffold {
         if let Some(first) = report.degenerate.first() {
             let others = report.degenerate.len() - 1;
             return Err(InvalidScaffold::Degenerate(*first, others));
+        }
+        if let Some(first) = report.defects.overlaps.first() {
+            let others = report.defects.overlaps.len() - 1;
+            return Err(InvalidScaffold::Overlap(*first, others));
         }
         Ok(report)
     }
@@ -251,6 +264,30 @@ impl ScaffoldReport {
                 "{} nodes lie inside another element: elements {}",
                 d.overlapping.len(),
                 list(&mut d.overlapping.iter().map(|h| h.element))
+            ),
+        );
+        let pairs = |pairs: &[[u64; 2]]| {
+            let first: Vec<String> = pairs
+                .iter()
+                .take(5)
+                .map(|[a, b]| format!("{a} and {b}"))
+                .collect();
+            first.join(", ")
+        };
+        warn(
+            d.overlaps.len(),
+            format!(
+                "{} pairs of elements fill the same space: elements {}",
+                d.overlaps.len(),
+                pairs(&d.overlaps)
+            ),
+        );
+        warn(
+            d.united.len(),
+            format!(
+                "{} pairs of elements of parts that share no face overlap and are united: elements {}",
+                d.united.len(),
+                pairs(&d.united)
             ),
         );
         warn(

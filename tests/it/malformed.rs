@@ -20,6 +20,7 @@ use std::sync::mpsc;
 use std::time::Duration;
 
 pub mod damage;
+mod decks;
 #[cfg(all(feature = "vdb", feature = "cli"))]
 mod level_sets;
 
@@ -187,10 +188,6 @@ fn recipes() -> Vec<Vec<u8>> {
         .to_vec()
 }
 
-/// A hex and a wedge with sets, as Abaqus writes them.
-const DECK: &str = "*NODE\n1,0,0,0\n2,1,0,0\n3,1,1,0\n4,0,1,0\n5,0,0,1\n6,1,0,1\n7,1,1,1\n8,0,1,1\n\
-9,.5,0,2\n10,.5,1,2\n*ELEMENT,TYPE=C3D8,ELSET=LOW\n1,1,2,3,4,5,6,7,8\n\
-*ELEMENT,TYPE=C3D6\n2,5,6,9,8,7,10\n*ELSET,ELSET=ALL,GENERATE\n1,2,1\n*ELSET,ELSET=BOTH\nLOW,2\n";
 /// A square and a triangle.
 const FIELDS: &str = "x,y,z,w\n0,0,0,1\n1,0,0,2.5\n0,1,0,-3e2\n";
 const PLANE: &str = "# vtk DataFile Version 3.0\nplane\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS 5 float\n\
@@ -333,7 +330,7 @@ fn formats() -> Vec<Format> {
             stored(&["hex8_text.vtu", "hex8_zlib.vtu", "hex8_base64.vtu"]),
             scaffold,
         ),
-        row("inp", "inp", vec![DECK.as_bytes().to_vec()], scaffold),
+        row("inp", "inp", decks::seeds(), scaffold),
         row(
             "msh versions",
             "msh",

@@ -4,6 +4,7 @@
 mod cells;
 mod centres;
 mod cost;
+mod decks;
 mod defects;
 mod files;
 mod generated;
@@ -14,6 +15,9 @@ mod pyramids;
 mod readers;
 mod unv;
 mod zoo;
+mod overlaps;
+mod readers;
+mod twice;
 
 use crate::strategy::{Noise, cell_point, element_nodes, mesh, renumberings};
 use centres::centres;

@@ -2,6 +2,7 @@
 
 mod beams;
 mod certificate;
+mod decks;
 mod far;
 mod fits;
 mod level_set_files;

@@ -126,14 +126,8 @@ fn element(file: &mut File, number: u64, kind: Type, group: i64) -> Result<(), R
             for n in own.iter_mut() {
                 *n = t.number("a node number")?;
             }
-            // An element of several groups is listed once for each.
-            let again: Vec<i64> = groups
-                .iter()
-                .map(|&g| super::group_of(super::dimension(kind), g))
-                .collect();
-            if !file.collector.again(number, &again) {
-                file.take(number, kind, own, groups);
-            }
+            // An element of several groups is listed once for each; the collector merges them.
+            file.take(number, kind, own, groups);
         }
     }
     Ok(())

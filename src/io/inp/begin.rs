@@ -1,0 +1,192 @@
+//! What each keyword begins.
+
+use super::assembly::{Instance, Part};
+use super::copy::{Ncopy, elcopy};
+use super::generate::Rule;
+use super::keyword::Keyword;
+use super::model::Model;
+use super::names::{self, Other};
+use super::system::{Coordinates, Motion};
+use super::types::{self, Meaning};
+use super::{Deck, Scope, Section};
+use crate::io::scaffold::KINDS_READ;
+use crate::io::{ReadError, Source, quote};
+
+impl Deck<'_> {
+    /// The section that a keyword begins; some keywords act at once.
+    pub(super) fn begin(&mut self, k: &Keyword, source: &Source) -> Result<Section, ReadError> {
+        let owned = |key: &str| k.get(key).map(str::to_owned);
+        let has_system = self.system.is_some();
+        if let Some(rule) = Rule::of(k, has_system, source)? {
+            return Ok(Section::Rule(rule));
+        }
+        match k.name.as_str() {
+            "NODE" => {
+                k.only(&["NSET", "SYSTEM", "INPUT"], source)?;
+                let coordinates = Coordinates::named(k.get("SYSTEM"), source)?;
+                Ok(Section::Nodes(coordinates, owned("NSET")))
+            }
+            "ELEMENT" => {
+                k.only(&["TYPE", "ELSET", "INPUT", "SOLIDELEMENTNUMBERING"], source)?;
+                let kind = k.needed("TYPE", "the type of the elements", source)?;
+                let upper = kind.to_ascii_uppercase();
+                match types::meaning(&upper) {
+                    Some(Meaning::Shape(kinds)) => Ok(Section::Elements(kinds, owned("ELSET"))),
+                    Some(Meaning::LeftOut) => Ok(Section::LeftOut(upper, owned("ELSET"))),
+                    None => {
+                        let found = format!("elements of type {}", quote(kind));
+                        let hint = match upper.as_str() {
+                            "F3D4" => {
+                                "a tetrahedron of CalculiX or a face of Abaqus: call it C3D4 or S4"
+                            }
+                            _ => types::KNOWN_TYPES,
+                        };
+                        Err(source.bad(found, KINDS_READ).with_hint(hint))
+                    }
+                }
+            }
+            "NSET" => self.begin_nset(k, source),
+            "ELSET" => {
+                let name = match k.get("NAME") {
+                    Some(name) => name,
+                    None => k.needed("ELSET", "the name of the set", source)?,
+                };
+                let assembly = match (&self.scope, k.get("INSTANCE")) {
+                    (Scope::Assembly, None) => Some(None),
+                    (_, None) => None,
+                    (_, Some(instance)) => Some(Some(self.instance(instance, source)?)),
+                };
+                let generate = k.has("GENERATE");
+                let name = name.to_owned();
+                match assembly {
+                    Some(instance) => self.all.set(&name, instance),
+                    None => self.model().element_sets.entry(&name),
+                };
+                Ok(Section::Elset {
+                    name,
+                    generate,
+                    assembly,
+                })
+            }
+            "SYSTEM" => {
+                k.only(&[], source)?;
+                Ok(Section::System)
+            }
+            "NCOPY" => Ok(Section::Copy(Ncopy::of(k, has_system, source)?)),
+            "ELCOPY" => {
+                let mut made = std::mem::take(&mut self.made);
+                elcopy(k, self.model(), &mut made, source)?;
+                self.made = made;
+                Ok(Section::Passed)
+            }
+            "PART" | "ENDPART" | "ASSEMBLY" | "ENDASSEMBLY" | "INSTANCE" | "ENDINSTANCE" => {
+                self.begin_scope(k, source)
+            }
+            "INCLUDE" => Ok(Section::Passed),
+            name => self.begin_other(name, source),
+        }
+    }
+
+    fn instance(&self, name: &str, source: &Source) -> Result<usize, ReadError> {
+        let place = self.all.instance(name);
+        place.ok_or_else(|| {
+            let found = format!("the instance {}", quote(name));
+            source.bad(found, "an instance that was given before")
+        })
+    }
+
+    fn begin_nset(&mut self, k: &Keyword, source: &Source) -> Result<Section, ReadError> {
+        // Sets of nodes serve the generating keywords alone, which stand in parts.
+        if k.has("INSTANCE") {
+            return Ok(Section::Passed);
+        }
+        let name = match k.get("NAME") {
+            Some(name) => name,
+            None => k.needed("NSET", "the name of the set", source)?,
+        };
+        let name = name.to_owned();
+        let model = self.model();
+        let set = model.node_sets.entry(&name);
+        set.unsorted |= k.has("UNSORTED");
+        if let Some(elements) = k.get("ELSET") {
+            model.nodes_of_elements(&name, elements, source)?;
+        }
+        let generate = k.has("GENERATE");
+        Ok(Section::Nset { name, generate })
+    }
+
+    fn begin_scope(&mut self, k: &Keyword, source: &Source) -> Result<Section, ReadError> {
+        self.system = None;
+        let mut section = Section::Passed;
+        self.scope = match k.name.as_str() {
+            "PART" => {
+                let name = k.needed("NAME", "the name of the part", source)?;
+                let key = name.to_uppercase();
+                if self.all.parts.contains_key(&key) {
+                    let found = format!("a second part {}", quote(name));
+                    return Err(source.bad(found, "every name once"));
+                }
+                let part = Part {
+                    name: name.to_owned(),
+                    model: Model::default(),
+                };
+                self.all.parts.insert(key.clone(), part);
+                Scope::Part(key)
+            }
+            "INSTANCE" => {
+                k.only(&["NAME", "PART"], source)?;
+                let name = k.needed("NAME", "the name of the instance", source)?;
+                let part = k.get("PART").unwrap_or("").to_uppercase();
+                if self.all.instance(name).is_some() {
+                    let found = format!("a second instance {}", quote(name));
+                    return Err(source.bad(found, "every name once"));
+                }
+                if !part.is_empty() && !self.all.parts.contains_key(&part) {
+                    let found = format!("the part {}", quote(&part));
+                    return Err(source.bad(found, "a part that was given before"));
+                }
+                self.all.instances.push(Instance {
+                    name: name.to_owned(),
+                    // Parts of no name are of different kinds.
+                    own: part.is_empty().then(Model::default),
+                    part: if part.is_empty() {
+                        format!(" {name}")
+                    } else {
+                        part
+                    },
+                    motion: Motion::default(),
+                });
+                let place = self.all.instances.len() - 1;
+                section = Section::Instance(place);
+                Scope::Instance(place)
+            }
+            "ASSEMBLY" | "ENDINSTANCE" => Scope::Assembly,
+            _ => Scope::Root,
+        };
+        Ok(section)
+    }
+
+    /// A keyword that is not read.
+    fn begin_other(&mut self, name: &str, source: &Source) -> Result<Section, ReadError> {
+        let written = format!("the keyword {}", quote(&format!("*{name}")));
+        match names::other(name) {
+            Other::Harmless => {}
+            Other::Refused => {
+                let expected = "keywords whose nodes and elements are known here";
+                return Err(source.bad(written, expected).with_hint(
+                    "write the deck with all nodes and elements given by their numbers",
+                ));
+            }
+            Other::LooksLike(known) => {
+                return Err(source
+                    .bad(written, "a keyword of Abaqus or CalculiX")
+                    .with_hint(format!("did you mean *{known}?")));
+            }
+            Other::Unknown => {
+                let name: String = name.escape_debug().take(40).collect();
+                *self.unknown.entry(name).or_default() += 1;
+            }
+        }
+        Ok(Section::Passed)
+    }
+}

@@ -1,0 +1,237 @@
+//! Nodes, elements and sets of one space of numbers: a deck without parts, a part, an instance.
+
+use super::keyword::{fields, whole};
+use crate::frame::Vec3;
+use crate::io::{Place, ReadError, Source};
+use crate::scaffold::Kind;
+use std::collections::{BTreeMap, BTreeSet};
+
+/// A set as it is given: numbers, first-last-step and names of other sets.
+#[derive(Clone, Default)]
+pub(super) struct Set {
+    /// The name as first written.
+    pub name: String,
+    pub numbers: Vec<u64>,
+    ranges: Vec<[u64; 3]>,
+    pub names: Vec<String>,
+    /// Whether the order of the members counts.
+    pub unsorted: bool,
+}
+
+impl Set {
+    /// Takes a data line.
+    pub fn data(&mut self, line: &str, generate: bool, source: &Source) -> Result<(), ReadError> {
+        let words = fields(line).into_iter().filter(|w| !w.is_empty());
+        if !generate {
+            for word in words {
+                match word.parse() {
+                    Ok(number) => self.numbers.push(number),
+                    Err(_) => self.names.push(word.to_owned()),
+                }
+            }
+            return Ok(());
+        }
+        let mut range = [0, 0, 1];
+        let mut given = 0;
+        for (n, word) in range.iter_mut().zip(words) {
+            *n = whole(word, "first, last and step of a set", source)?;
+            given += 1;
+        }
+        if given == 1 {
+            range[1] = range[0];
+        }
+        if range[2] == 0 {
+            range[2] = 1;
+        }
+        self.ranges.push(range);
+        Ok(())
+    }
+}
+
+/// Sets by their names in capitals.
+#[derive(Clone, Default)]
+pub(super) struct Sets(BTreeMap<String, Set>);
+
+impl Sets {
+    /// The set of this name, made if there is none.
+    pub fn entry(&mut self, name: &str) -> &mut Set {
+        let set = self.0.entry(name.to_uppercase()).or_default();
+        if set.name.is_empty() {
+            name.clone_into(&mut set.name);
+        }
+        set
+    }
+
+    pub fn get(&self, name: &str) -> Option<&Set> {
+        self.0.get(&name.to_uppercase())
+    }
+
+    pub fn iter(&self) -> impl Iterator<Item = &Set> {
+        self.0.values()
+    }
+
+    /// The members' numbers, sets within sets included; of ranges those that are `known`.
+    ///
+    /// # Errors
+    /// The name of a set that there is not.
+    pub fn members(&self, name: &str, known: &BTreeMap<u64, u32>) -> Result<Vec<u64>, String> {
+        let mut found = Vec::new();
+        let mut seen = BTreeSet::from([name.to_uppercase()]);
+        let mut open = vec![name.to_owned()];
+        let mut unsorted = false;
+        while let Some(name) = open.pop() {
+            let set = self.get(&name).ok_or(name)?;
+            unsorted |= set.unsorted;
+            found.extend(&set.numbers);
+            for &[first, last, step] in &set.ranges {
+                let own = known.range(first..=last.max(first)).map(|(n, _)| *n);
+                found.extend(own.filter(|n| (n - first) % step == 0));
+            }
+            for inner in &set.names {
+                if seen.insert(inner.to_uppercase()) {
+                    open.push(inner.clone());
+                }
+            }
+        }
+        if !unsorted {
+            found.sort_unstable();
+            found.dedup();
+        }
+        Ok(found)
+    }
+}
+
+/// Nodes, elements and sets that share their numbers.
+#[derive(Clone, Default)]
+pub(super) struct Model {
+    pub node_places: BTreeMap<u64, u32>,
+    pub node_numbers: Vec<u64>,
+    pub nodes: Vec<Vec3>,
+    /// Places of elements by number; of an element given twice the first.
+    pub element_places: BTreeMap<u64, u32>,
+    pub element_numbers: Vec<u64>,
+    pub kinds: Vec<Kind>,
+    ends: Vec<usize>,
+    connectivity: Vec<u64>,
+    /// Elements without volume or surface, by number, with their types.
+    pub left_out: BTreeMap<u64, String>,
+    pub node_sets: Sets,
+    pub element_sets: Sets,
+}
+
+impl Model {
+    pub fn is_empty(&self) -> bool {
+        self.nodes.is_empty() && self.kinds.is_empty() && self.left_out.is_empty()
+    }
+
+    pub fn node(&self, number: u64) -> Option<Vec3> {
+        let place = self.node_places.get(&number)?;
+        Some(self.nodes[*place as usize])
+    }
+
+    /// A node of the deck. The same node at the same place may be given again.
+    pub fn add_node(&mut self, number: u64, at: Vec3, source: &Source) -> Result<(), ReadError> {
+        if let Some(known) = self.node(number) {
+            if known == at {
+                return Ok(());
+            }
+            let place = Place::ItemOnLine("node", number, source.line_number());
+            let found = "a second node of this number at another place";
+            return Err(ReadError::data(
+                source.path(),
+                place,
+                found,
+                "every number once",
+            ));
+        }
+        self.node_places.insert(number, self.nodes.len() as u32);
+        self.node_numbers.push(number);
+        self.nodes.push(at);
+        Ok(())
+    }
+
+    /// The nodes of an element, by their numbers.
+    pub fn nodes_of(&self, place: u32) -> &[u64] {
+        let place = place as usize;
+        let start = if place == 0 { 0 } else { self.ends[place - 1] };
+        &self.connectivity[start..self.ends[place]]
+    }
+
+    /// An element of the deck. The same may be given again: the reader of all formats merges it.
+    pub fn add_element(
+        &mut self,
+        number: u64,
+        kind: Kind,
+        nodes: &[u64],
+        source: &Source,
+    ) -> Result<(), ReadError> {
+        if let Some(&known) = self.element_places.get(&number) {
+            let mut corners = [self.nodes_of(known), nodes].map(<[u64]>::to_vec);
+            corners.iter_mut().for_each(|c| c.sort_unstable());
+            if corners[0] != corners[1] || self.kinds[known as usize] != kind {
+                return Err(second_element(number, source));
+            }
+        } else if self.left_out.contains_key(&number) {
+            return Err(second_element(number, source));
+        }
+        let place = self.kinds.len() as u32;
+        self.element_places.entry(number).or_insert(place);
+        self.element_numbers.push(number);
+        self.kinds.push(kind);
+        self.connectivity.extend_from_slice(nodes);
+        self.ends.push(self.connectivity.len());
+        Ok(())
+    }
+
+    /// An element without volume or surface.
+    pub fn leave_out(&mut self, number: u64, kind: &str, source: &Source) -> Result<(), ReadError> {
+        if self.element_places.contains_key(&number) {
+            return Err(second_element(number, source));
+        }
+        self.left_out.insert(number, kind.to_owned());
+        Ok(())
+    }
+
+    /// The members of a set of nodes that a keyword needs.
+    pub fn node_set(&self, name: &str, source: &Source) -> Result<Vec<u64>, ReadError> {
+        let members = self.node_sets.members(name, &self.node_places);
+        members.map_err(|inner| no_set("node", &inner, source))
+    }
+
+    /// The same of elements.
+    pub fn element_set(&self, name: &str, source: &Source) -> Result<Vec<u64>, ReadError> {
+        let members = self.element_sets.members(name, &self.element_places);
+        members.map_err(|inner| no_set("element", &inner, source))
+    }
+
+    /// Puts the nodes of a set of elements into a set of nodes.
+    pub fn nodes_of_elements(
+        &mut self,
+        set: &str,
+        elements: &str,
+        source: &Source,
+    ) -> Result<(), ReadError> {
+        let places: Vec<u32> = self
+            .element_set(elements, source)?
+            .iter()
+            .filter_map(|n| self.element_places.get(n).copied())
+            .collect();
+        let mut nodes: Vec<u64> = Vec::new();
+        for place in places {
+            nodes.extend(self.nodes_of(place));
+        }
+        self.node_sets.entry(set).numbers.extend(nodes);
+        Ok(())
+    }
+}
+
+fn second_element(number: u64, source: &Source) -> ReadError {
+    let place = Place::ItemOnLine("element", number, source.line_number());
+    let found = "a second element of this number";
+    ReadError::data(source.path(), place, found, "every number once")
+}
+
+fn no_set(what: &str, name: &str, source: &Source) -> ReadError {
+    let found = format!("the {what} set {}", crate::io::quote(name));
+    source.bad(found, "a set that was given before")
+}

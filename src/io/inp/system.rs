@@ -1,0 +1,216 @@
+//! Coordinate systems of nodes, and motions of copies.
+
+use crate::frame::{Mat3, Vec3};
+use crate::io::{ReadError, Source, quote};
+
+/// Sine and cosine of an angle in degrees, exact at multiples of 90.
+pub(super) fn sin_cos_degrees(angle: f64) -> (f64, f64) {
+    let turns = angle.rem_euclid(360.0);
+    match turns {
+        0.0 => (0.0, 1.0),
+        90.0 => (1.0, 0.0),
+        180.0 => (0.0, -1.0),
+        270.0 => (-1.0, 0.0),
+        _ => turns.to_radians().sin_cos(),
+    }
+}
+
+/// How three numbers give a point.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) enum Coordinates {
+    /// x, y, z.
+    #[default]
+    Rectangular,
+    /// Radius, angle in degrees from x, z.
+    Cylindrical,
+    /// Radius, angle in degrees from x, angle in degrees from the plane of x and y.
+    Spherical,
+}
+
+impl Coordinates {
+    /// As `SYSTEM=` names them.
+    pub fn named(word: Option<&str>, source: &Source) -> Result<Self, ReadError> {
+        match word.map(str::to_ascii_uppercase).as_deref() {
+            None | Some("R" | "RC") => Ok(Self::Rectangular),
+            Some("C") => Ok(Self::Cylindrical),
+            Some("S") => Ok(Self::Spherical),
+            Some(other) => Err(source.bad(format!("SYSTEM={}", quote(other)), "R, C or S")),
+        }
+    }
+
+    pub fn point(self, [a, b, c]: [f64; 3]) -> Vec3 {
+        let (sin_b, cos_b) = sin_cos_degrees(b);
+        match self {
+            Self::Rectangular => Vec3::new(a, b, c),
+            Self::Cylindrical => Vec3::new(a * cos_b, a * sin_b, c),
+            Self::Spherical => {
+                let (sin_c, cos_c) = sin_cos_degrees(c);
+                Vec3::new(a * cos_b * cos_c, a * sin_b * cos_c, a * sin_c)
+            }
+        }
+    }
+}
+
+/// x -> linear x + shift.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Motion {
+    linear: Mat3,
+    shift: Vec3,
+}
+
+impl Default for Motion {
+    fn default() -> Self {
+        Self::translation(Vec3::zeros())
+    }
+}
+
+impl Motion {
+    pub fn translation(shift: Vec3) -> Self {
+        Self {
+            linear: Mat3::identity(),
+            shift,
+        }
+    }
+
+    /// A linear map about a point that stays where it is.
+    fn about(linear: Mat3, point: Vec3) -> Self {
+        Self {
+            linear,
+            shift: point - linear * point,
+        }
+    }
+
+    /// The rotation about the axis from `a` to `b`, right-handed; `None` if they are one point.
+    pub fn rotation(a: Vec3, b: Vec3, degrees: f64) -> Option<Self> {
+        let axis = (b - a).try_normalize(1e-300)?;
+        let (sin, cos) = sin_cos_degrees(degrees);
+        let cross = axis.cross_matrix();
+        let linear = Mat3::identity() + cross * sin + cross * cross * (1.0 - cos);
+        Some(Self::about(linear, a))
+    }
+
+    /// The point reflection.
+    pub fn through_point(a: Vec3) -> Self {
+        Self::about(-Mat3::identity(), a)
+    }
+
+    /// Twice as far from a point, which stays.
+    pub fn away_from(pole: Vec3) -> Self {
+        Self::about(Mat3::identity() * 2.0, pole)
+    }
+
+    /// The reflection in the plane of three points; `None` if they are on a line.
+    pub fn mirror(a: Vec3, b: Vec3, c: Vec3) -> Option<Self> {
+        let normal = (b - a).cross(&(c - a)).try_normalize(1e-300)?;
+        let linear = Mat3::identity() - normal * normal.transpose() * 2.0;
+        Some(Self::about(linear, a))
+    }
+
+    /// What a system of these numbers does to local coordinates: an origin, a point on the local x
+    /// axis, a point on the side of the local y axis.
+    ///
+    /// With two points z stays, so the second must lie at the height of the first.
+    pub fn system(numbers: &[f64]) -> Result<Self, &'static str> {
+        let point = |i: usize| {
+            let own = numbers.get(3 * i..)?;
+            let at = |k: usize| own.get(k).copied().unwrap_or(0.0);
+            (!own.is_empty()).then(|| Vec3::new(at(0), at(1), at(2)))
+        };
+        let origin = point(0).unwrap_or_default();
+        let Some(along) = point(1) else {
+            return Ok(Self::translation(origin));
+        };
+        let x = along - origin;
+        let side = match point(2) {
+            Some(c) => c - origin,
+            None if x.z.abs() <= 1e-9 * x.norm() => Vec3::z().cross(&x),
+            None => return Err("two points of different height, which leave the y axis open"),
+        };
+        let axes = x.try_normalize(1e-300).and_then(|x| {
+            let z = x.cross(&side.try_normalize(1e-300)?).try_normalize(1e-9)?;
+            Some(Mat3::from_columns(&[x, z.cross(&x), z]))
+        });
+        let linear = axes.ok_or("points on a line, which give no axes")?;
+        Ok(Self {
+            linear,
+            shift: origin,
+        })
+    }
+
+    /// This motion, then another.
+    pub fn then(self, next: Self) -> Self {
+        Self {
+            linear: next.linear * self.linear,
+            shift: next.linear * self.shift + next.shift,
+        }
+    }
+
+    pub fn apply(&self, x: Vec3) -> Vec3 {
+        self.linear * x + self.shift
+    }
+
+    /// Data lines as *INSTANCE and *NCOPY, SHIFT have them: a translation of up to three numbers, a
+    /// rotation of up to seven, by an angle in degrees about the axis through two points. The
+    /// translation comes first. `None` if the points are one.
+    pub fn moved(lines: &[Vec<f64>]) -> Option<Self> {
+        let line = |has: fn(usize) -> bool| {
+            let own = lines.iter().find(|l| has(l.len()));
+            move |k: usize| own.and_then(|l| l.get(k)).copied().unwrap_or(0.0)
+        };
+        let (shift, turn) = (line(|n| (1..=3).contains(&n)), line(|n| n > 3));
+        let translation = Self::translation(Vec3::new(shift(0), shift(1), shift(2)));
+        if turn(6) == 0.0 {
+            return Some(translation);
+        }
+        let [a, b] = [0, 3].map(|k| Vec3::new(turn(k), turn(k + 1), turn(k + 2)));
+        Some(translation.then(Self::rotation(a, b, turn(6))?))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn points_of_curved_coordinates() {
+        let close = |a: Vec3, b: [f64; 3]| (a - Vec3::from(b)).norm() < 1e-14;
+        assert!(close(
+            Coordinates::Cylindrical.point([2.0, 90.0, 3.0]),
+            [0.0, 2.0, 3.0]
+        ));
+        let h = 0.5f64.sqrt();
+        assert!(close(
+            Coordinates::Spherical.point([1.0, 0.0, 45.0]),
+            [h, 0.0, h]
+        ));
+        assert!(close(
+            Coordinates::Spherical.point([2.0, 90.0, 0.0]),
+            [0.0, 2.0, 0.0]
+        ));
+    }
+
+    #[test]
+    fn systems_and_motions() {
+        let close = |a: Vec3, b: [f64; 3]| (a - Vec3::from(b)).norm() < 1e-14;
+        let x = Vec3::new(1.0, 2.0, 3.0);
+        let s = Motion::system(&[100.0, 0.0, 0.0, 100.0, 1.0, 0.0, 99.0, 0.0, 0.0]).unwrap();
+        assert!(close(s.apply(x), [98.0, 1.0, 3.0]));
+        let two = Motion::system(&[100.0, 0.0, 0.0, 100.0, 5.0, 0.0]).unwrap();
+        assert!(close(two.apply(x), [98.0, 1.0, 3.0]));
+        assert!(Motion::system(&[0.0, 0.0, 0.0, 1.0, 0.0, 1.0]).is_err());
+        assert!(Motion::system(&[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 2.0, 0.0, 0.0]).is_err());
+        assert!(close(
+            Motion::system(&[]).unwrap().apply(x),
+            [1.0, 2.0, 3.0]
+        ));
+        let m = Motion::moved(&[vec![10.0], vec![10.0, 0.0, 0.0, 10.0, 0.0, 1.0, -90.0]]).unwrap();
+        assert!(close(m.apply(x), [12.0, -1.0, 3.0]));
+        assert!(Motion::moved(&[vec![1.0], vec![0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 5.0]]).is_none());
+        let plane = Motion::mirror(Vec3::x(), Vec3::x() + Vec3::y(), Vec3::x() + Vec3::z());
+        assert!(close(plane.unwrap().apply(x), [1.0, 2.0, 3.0]));
+        assert!(close(
+            Motion::through_point(Vec3::x()).apply(x),
+            [1.0, -2.0, -3.0]
+        ));
+    }
+}

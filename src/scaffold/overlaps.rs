@@ -1,0 +1,130 @@
+//! Elements that fill the same space.
+//!
+//! The number of elements that cover a point changes only across outer faces, unless two elements
+//! lie on the same side of a face that they share. So it is enough to compare the sides of shared faces
+//! and to look at points just inside the outer faces: another element that contains one overlaps.
+//! The cost is that of the surface, a few searches for each outer face. Overlaps thinner than a hundredth of an
+//! element are taken for rounding; smaller ones between the points may be missed.
+//!
+//! Overlapping elements of different components are united by the tiling. Within a component, joined by
+//! faces, they cannot be: the field there has two values.
+
+use super::{FaceRef, Neighbour, Scaffold};
+use crate::frame::{Aabb, CellPoint, Vec3};
+use rayon::prelude::*;
+
+/// How deep, as a share of the way to the element's centre, points lie below its outer faces.
+const BELOW: f64 = 0.02;
+/// How deep in the other element's cell a point must lie.
+const WITHIN: f64 = 0.01;
+/// Least cosine of the normals of two sides of one face that face the same way.
+const SAME_SIDE: f64 = 0.1;
+
+/// Pairs of overlapping elements, by their places, ascending.
+pub(super) struct Overlaps {
+    /// Of different components.
+    pub between: Vec<[u32; 2]>,
+    /// Of one component.
+    pub within: Vec<[u32; 2]>,
+}
+
+impl Scaffold {
+    /// Looks for elements that fill the same space.
+    pub(super) fn overlaps(&self) -> Overlaps {
+        let mut pairs = self.same_sides();
+        let outer: Vec<FaceRef> = self.outer_faces().collect();
+        let below: Vec<[u32; 2]> = outer
+            .par_iter()
+            .flat_map_iter(|f| self.covered(*f))
+            .collect();
+        pairs.extend(below);
+        for pair in &mut pairs {
+            pair.sort_unstable();
+        }
+        pairs.sort_unstable();
+        pairs.dedup();
+        let is_within = |p: &[u32; 2]| {
+            let [a, b] = p.map(|e| self.component_of(e as usize));
+            a == b
+        };
+        let (within, between) = pairs.into_iter().partition(is_within);
+        Overlaps { between, within }
+    }
+
+    /// Elements on the same side of a face that they share.
+    fn same_sides(&self) -> Vec<[u32; 2]> {
+        let same = |f: FaceRef, g: FaceRef| {
+            let [a, b] = [f, g].map(|f| self.outward(f));
+            a.dot(&b) > SAME_SIDE * a.norm() * b.norm()
+        };
+        let mut pairs: Vec<[u32; 2]> = (0..self.len())
+            .into_par_iter()
+            .flat_map_iter(|e| self.faces_of(e))
+            .filter_map(|f| match self.neighbour(f) {
+                Neighbour::Face(g) if f < g && same(f, g) => Some([f.element, g.element]),
+                _ => None,
+            })
+            .collect();
+        for group in self.crowded_faces() {
+            for (i, &f) in group.iter().enumerate() {
+                let others = group[..i].iter().filter(|g| same(f, **g));
+                pairs.extend(others.map(|g| [g.element, f.element]));
+            }
+        }
+        pairs
+    }
+
+    /// The middle of a face and its corners, in the cell frame.
+    fn face_points(&self, f: FaceRef) -> (Vec3, Vec<Vec3>) {
+        let kind = self.connectivity().kind(f.element as usize);
+        let nodes = kind.reference_nodes();
+        let corners: Vec<Vec3> = kind.faces()[f.face as usize]
+            .corners
+            .iter()
+            .map(|&n| nodes[n as usize].0)
+            .collect();
+        let middle = corners.iter().sum::<Vec3>() / corners.len() as f64;
+        (middle, corners)
+    }
+
+    /// A normal in the middle of a face, out of its element, of any length.
+    fn outward(&self, f: FaceRef) -> Vec3 {
+        let e = self.element(f.element as usize);
+        let normal = e.shape().faces()[f.face as usize].normal;
+        let jacobian = e.jacobian(CellPoint(self.face_points(f).0));
+        let inverse = jacobian.try_inverse();
+        inverse.map_or(Vec3::zeros(), |i| i.transpose() * normal)
+    }
+
+    /// Elements that contain a point just inside an outer face of another.
+    fn covered(&self, f: FaceRef) -> Vec<[u32; 2]> {
+        let e = self.element(f.element as usize);
+        let vertices = e.shape().vertices();
+        let centre = vertices.iter().sum::<Vec3>() / vertices.len() as f64;
+        let (middle, corners) = self.face_points(f);
+        let mut points = vec![middle];
+        for (i, c) in corners.iter().enumerate() {
+            let next = corners[(i + 1) % corners.len()];
+            points.extend([(middle + c) / 2.0, (c + next) / 2.0]);
+        }
+        let mut near = Vec::new();
+        let mut found = Vec::new();
+        for point in points {
+            let x = e.map(CellPoint(point + (centre - point) * BELOW));
+            self.candidates(&Aabb::of([x.0]), &mut near);
+            for &other in &near {
+                let pair = [f.element, other];
+                if other == f.element || found.contains(&pair) {
+                    continue;
+                }
+                let o = self.element(other as usize);
+                let xi = o.inverse_inside(x, 0.0);
+                let is_within = xi.is_some_and(|xi| o.shape().face_distance(xi) < -WITHIN);
+                if is_within && !self.neighbours(f.element as usize).any(|n| n == other) {
+                    found.push(pair);
+                }
+            }
+        }
+        found
+    }
+}
