@@ -7,7 +7,7 @@
 //! another one beats everywhere in the leaf are left out. [`Beams::with_fillet`] rounds the corners between parts.
 //!
 //! [`Network`] maps the struts and plates of a cell through the elements of a scaffold; [`Cut`] ends the
-//! solid at the scaffold's outer faces.
+//! solid at the scaffold's outer faces. [`Rods`] are cones with flat or half-round ends.
 //!
 //! ```
 //! use druse::beams::{Beam, Beams};
@@ -26,11 +26,13 @@ mod cut;
 mod fillet;
 mod network;
 mod part;
+mod rod;
 mod rows;
 mod size;
 pub use cut::{Cut, ScaffoldSolid};
 pub use network::{Network, NetworkError, Shapes};
 pub use part::{Beam, Plate};
+pub use rod::{Rod, Rods};
 pub use size::{DiametersAt, WeightsAt, Width};
 
 use part::{Axis, Part};

@@ -18,8 +18,10 @@
 use nalgebra::{SVector, Vector3};
 use std::ops::Index;
 
+mod figures;
 mod reference;
 mod unit;
+pub use figures::{figures, place_figures};
 pub use reference::{Element, Face};
 pub use unit::{LengthUnit, UnknownUnit};
 

@@ -46,12 +46,15 @@ mod tokens;
 mod unv;
 mod vtk;
 
-pub use beams::{Beam, BeamLattice, write_beams};
+pub use beams::{
+    Beam, BeamCap, BeamClip, BeamLattice, BeamPart, FileBeam, SolidFile, is_strut_file, read_solid,
+    stated_unit, write_beams,
+};
 pub use cell::{read_cell, write_cell};
 pub use cloud::{PointFile, TEXT_CLOUDS, read_points};
 pub use crystal::{DiskFiles, carry_out, read_crystal, read_script, script_fault};
 pub use error::{ErrorClass, Place, ReadError, WriteError};
-pub use graph::read_skeleton;
+pub use graph::{read_skeleton, read_skeleton_noted};
 pub use mesh_file::{MeshFile, MeshFormat, is_point_cloud, read_mesh, sniff, write_mesh};
 pub use mesh_stream::{MeshPart, MeshStream};
 pub use mesh_view::{Faces, MeshView, VertexAttribute};

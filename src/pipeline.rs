@@ -37,6 +37,7 @@ mod fractions;
 mod grading;
 mod group;
 mod inputs;
+mod lattice;
 mod memory;
 mod meshing;
 mod offsets;
@@ -73,6 +74,7 @@ pub use error::RunError;
 pub use estimate::Estimate;
 pub use fit_options::fit_options;
 pub use group::{group_fault, read_group};
+pub use lattice::solid_picture;
 pub use plot::{Curve, Plot, plot, sheet, sheet_columns};
 pub use probe::{Probe, Probed};
 pub use report::{

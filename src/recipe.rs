@@ -63,7 +63,7 @@ pub use output::{
     Compression, Cut, Decimate, MesherWord, Output, OutputKind, PictureSize, Segments,
 };
 pub use quantity::{
-    Finite, Fraction, HalfWidth, Length, Positive, QuantityError, Scale, Size, Unit, Width,
+    Finite, Fraction, HalfWidth, Length, Portion, Positive, QuantityError, Scale, Size, Unit, Width,
 };
 pub use reference::reference;
 pub use require::RequireSection;

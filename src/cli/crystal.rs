@@ -1,7 +1,7 @@
 //! `druse crystal NAME.crystal -o X`: the polygon stage alone.
 
 use super::{Answer, Failure, Session};
-use crate::frame::{LengthUnit, Transform};
+use crate::frame::{LengthUnit, Transform, figures};
 use crate::io::atomic::{StagedPath, write_bytes};
 use crate::io::{
     DiskFiles, read_polymesh, read_script, write_legacy_obj, write_mesh, write_polymesh,
@@ -387,8 +387,10 @@ fn voxelized(
 ) -> Result<LevelSet, Failure> {
     let volume = mesh.volume();
     if volume <= 0.0 {
-        let message =
-            format!("the crystal's volume is {volume:.6}; expected a surface that looks outward");
+        let message = format!(
+            "the crystal's volume is {}; expected a surface that looks outward",
+            figures(volume)
+        );
         return Err(Failure::data(path, message));
     }
     let transform = Transform::new(voxel)

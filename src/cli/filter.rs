@@ -64,12 +64,12 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
     ]);
     let (report, lines) = draft.run(session, p.threads)?;
     session.note(&format!(
-        "{} {} -> {} {}, volume {:.6} {unit}^3",
+        "{} {} -> {} {}, volume {} {unit}^3",
         p.file.display(),
         unit,
         p.output.display(),
         extent(&report, unit, unit),
-        report.solid.volume
+        crate::frame::figures(report.solid.volume)
     ));
     Ok(told(&report, &lines))
 }

@@ -2,7 +2,7 @@
 
 use super::kind::FileKind;
 use super::{Answer, Failure, Session};
-use crate::io::{read_cell, read_mesh};
+use crate::io::{read_cell, read_solid};
 use crate::recipe::Recipe;
 use crate::vdb::FileInfo;
 use clap::Args;
@@ -78,17 +78,13 @@ fn recipe(path: &Path) -> Result<(String, Value), Failure> {
 }
 
 fn mesh(path: &Path, session: &Session) -> Result<(String, Value), Failure> {
-    let file = read_mesh(path)?;
-    let report =
-        crate::mesh::check_with(&file.mesh, false, session).map_err(|_| Failure::stopped(130))?;
-    let unit = file.unit.map(crate::frame::LengthUnit::symbol);
-    let shown = unit.unwrap_or("of no stated unit");
-    let mut text = format!("{} ({shown})\n{report}\n", path.display());
-    for warning in &file.warnings {
+    let solid = read_solid(path)?;
+    let report = crate::mesh::check_with(&solid.file.mesh, false, session)
+        .map_err(|_| Failure::stopped(130))?;
+    let (mut text, facts, _) = super::check::solid_screen(path, &solid, &report);
+    for warning in &solid.file.warnings {
         let _ = writeln!(text, "note: {warning}");
     }
-    let mut facts = super::check::mesh_facts(path, &report);
-    facts["unit"] = json!(unit);
     Ok((text, facts))
 }
 

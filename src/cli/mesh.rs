@@ -3,7 +3,7 @@
 use super::workshop::{Draft, GridChoice, answer as told, extent, length, path_value, table};
 use super::{Answer, Failure, Session};
 use crate::frame::LengthUnit;
-use crate::recipe::{Fraction, MesherWord, Size};
+use crate::recipe::{Fraction, MesherWord, Portion, Size};
 use clap::Args;
 use std::path::PathBuf;
 use toml::Value;
@@ -27,9 +27,9 @@ pub(super) struct Parameters {
     /// [default: druse, as in a recipe; quads and adaptivity are always OpenVDB's].
     #[arg(long, value_name = "NAME")]
     mesher: Option<MesherWord>,
-    /// Merge flat regions: from 0, nothing, to 1, all that can be.
+    /// Merge flat regions: from 0, nothing, as without it, to 1, all that can be.
     #[arg(long, value_name = "NUMBER")]
-    adaptivity: Option<Fraction>,
+    adaptivity: Option<Portion>,
     /// Merge triangles until this share is left.
     #[arg(long, value_name = "SHARE")]
     decimate: Option<Fraction>,

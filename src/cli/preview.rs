@@ -5,7 +5,7 @@ use super::{Answer, Failure, Session};
 use crate::cell::Cell;
 use crate::frame::Transform;
 use crate::io::atomic::write_bytes;
-use crate::io::{read_cell, read_mesh, read_scaffold};
+use crate::io::{read_cell, read_scaffold, read_solid};
 use crate::mesh::TriMesh;
 use crate::pipeline;
 use crate::recipe::{Cut, PictureSize};
@@ -120,7 +120,15 @@ fn solid_of(path: &Path, tools: vdb::Session) -> Result<LevelSet, Failure> {
     Ok(
         match FileKind::of(path, &[Vdb, Mesh, FileKind::Cell, Scaffold])? {
             Vdb => super::vdb::level_set(path, None, tools)?,
-            Mesh => voxelized(path, &read_mesh(path)?.mesh, tools)?,
+            Mesh => {
+                let solid = read_solid(path)?;
+                if solid.beams.is_empty() {
+                    voxelized(path, &solid.file.mesh, tools)?
+                } else {
+                    let voxel = solid.bounds().size().max() / FINENESS;
+                    pipeline::solid_picture(path, &solid, [voxel, HALF_WIDTH], tools)?
+                }
+            }
             Scaffold => {
                 let scaffold = read_scaffold(path)?.scaffold;
                 let (_, stretch) = scaffold.stretch();

@@ -2,7 +2,7 @@
 
 use super::{Answer, Failure};
 use crate::frame::LengthUnit;
-use crate::io::MeshFile;
+use crate::io::SolidFile;
 use crate::mesh::{MeshReport, bodies};
 use crate::pipeline::{Requirement, judge_level_set, judge_mesh};
 use crate::progress::{Progress, Threads};
@@ -45,9 +45,9 @@ impl Parameters {
         &self,
         require: &RequireFile,
         path: &Path,
-        (mesh, report): (&MeshFile, &MeshReport),
+        (solid, report): (&SolidFile, &MeshReport),
     ) -> Result<Vec<Requirement>, Failure> {
-        let Some(unit) = self.unit.or(mesh.unit) else {
+        let Some(unit) = self.unit.or(solid.file.unit) else {
             return Err(Failure::data(
                 path,
                 "found no unit of length; expected one, since requirements are lengths",
@@ -67,6 +67,10 @@ impl Parameters {
                 ));
             }
         }
+        if !solid.beams.is_empty() {
+            let found = "found a beam lattice; expected a mesh alone, or a level set";
+            return Err(Failure::data(path, found).hint("druse voxelize FILE -o PART.vdb makes one"));
+        }
         if !report.is_solid() {
             return Err(Failure::data(
                 path,
@@ -77,7 +81,7 @@ impl Parameters {
         Ok(judge_mesh(
             require,
             (report.volume, report.bounds, unit),
-            bodies(&mesh.mesh),
+            bodies(&solid.file.mesh),
         ))
     }
 }

@@ -1,6 +1,7 @@
 //! `druse run RECIPE`, and `druse run PLAN --brick N`.
 
 use super::{Answer, Failure, Session};
+use crate::frame::figures;
 use crate::pipeline::{self, Estimate, Report, RunOptions, plan, run};
 use crate::recipe::Recipe;
 use clap::Args;
@@ -182,10 +183,10 @@ fn summary(report: &Report) -> String {
         n => format!("{n} pieces, "),
     };
     format!(
-        "{} active voxels, volume {:.6} {unit}^3, area {:.6} {unit}^2, {pieces}{seconds:.1} s, {}",
+        "{} active voxels, volume {} {unit}^3, area {} {unit}^2, {pieces}{seconds:.1} s, {}",
         grouped(report.band.active_voxels),
-        solid.volume,
-        solid.area,
+        figures(solid.volume),
+        figures(solid.area),
         size(report.peak_memory_bytes)
     )
 }

@@ -1,6 +1,7 @@
 //! `druse scaffold info FILE` and `druse scaffold check FILE`.
 
 use super::{Answer, Failure, Session};
+use crate::frame::figures;
 use crate::io::{DataField, ElementFile, FieldAt, Group, ScaffoldFile, SurfaceFile, read_elements};
 use crate::pipeline::{Probe, RunOptions};
 use crate::recipe::Recipe;
@@ -181,22 +182,53 @@ fn fields_of(fields: &[DataField], text: &mut String) -> Vec<Value> {
             FieldAt::Points => "points",
             FieldAt::Cells => "cells",
         };
+        let ranges = ranges(field);
         let _ = writeln!(
             text,
-            "field {:?}: {} number{} at {at}",
+            "field {:?}: {} number{} at {at}{}",
             field.name,
             field.components,
-            if field.components == 1 { "" } else { "s" }
+            if field.components == 1 { "" } else { "s" },
+            spans(&ranges)
         );
-        all.push(json!({ "name": field.name, "at": at, "components": field.components }));
+        all.push(json!({
+            "name": field.name, "at": at, "components": field.components, "range": ranges,
+        }));
     }
     all
 }
 
+/// Least and greatest value of each component; numbers that are none do not count.
+fn ranges(field: &DataField) -> Vec<[f64; 2]> {
+    let components = field.components.max(1);
+    let mut all = vec![[f64::INFINITY, f64::NEG_INFINITY]; components];
+    for (n, &v) in field.values.iter().enumerate() {
+        let range = &mut all[n % components];
+        *range = [range[0].min(v), range[1].max(v)];
+    }
+    all.retain(|r| r[0] <= r[1]);
+    all
+}
+
+fn spans(ranges: &[[f64; 2]]) -> String {
+    let span = |r: &[f64; 2]| format!("{} to {}", figures(r[0]), figures(r[1]));
+    let all: Vec<String> = ranges.iter().take(9).map(span).collect();
+    if all.is_empty() {
+        return String::new();
+    }
+    format!(", {}", all.join("; "))
+}
+
 /// What a reader passed over or has to say.
-fn left_out(skipped: usize, notes: &[String], text: &mut String) {
+fn left_out((skipped, unused_nodes): (usize, usize), notes: &[String], text: &mut String) {
+    let plural = |n: usize| if n == 1 { "" } else { "s" };
     if skipped > 0 {
-        let _ = writeln!(text, "{skipped} elements of other dimensions skipped");
+        let s = plural(skipped);
+        let _ = writeln!(text, "{skipped} element{s} of lower dimension passed over");
+    }
+    if unused_nodes > 0 {
+        let s = plural(unused_nodes);
+        let _ = writeln!(text, "{unused_nodes} node{s} without an element");
     }
     for note in notes {
         let _ = writeln!(text, "note: {note}");
@@ -219,13 +251,13 @@ fn describe_surface(path: &Path, file: &SurfaceFile) -> (String, Value) {
     );
     let groups = groups_of(&file.groups, &mut text);
     let fields = fields_of(&file.fields, &mut text);
-    left_out(file.skipped, &file.notes, &mut text);
+    left_out((file.skipped, file.unused_nodes), &file.notes, &mut text);
     let kinds: serde_json::Map<String, Value> = kinds
         .iter()
         .map(|(k, n)| (k.name().to_owned(), json!(n)))
         .collect();
     let facts = json!({
-        "kind": "surface", "path": path.display().to_string(), "elements": kinds,
+        "kind": "surface", "unit": null, "path": path.display().to_string(), "elements": kinds,
         "nodes": file.surface.nodes().len(), "box": [min, max], "groups": groups,
         "fields": fields, "skipped": file.skipped, "unused_nodes": file.unused_nodes,
         "notes": file.notes, "warnings": file.warnings,
@@ -250,11 +282,21 @@ fn describe_solids(path: &Path, file: &ScaffoldFile) -> (String, Value) {
     let mut text = screen(path, &report);
     let groups = groups_of(&file.groups, &mut text);
     let fields = fields_of(&file.fields, &mut text);
-    left_out(file.skipped, &file.notes, &mut text);
+    left_out((file.skipped, file.unused_nodes), &file.notes, &mut text);
     let mut warnings = file.warnings.clone();
     warnings.extend(report.warnings());
+    let places = |list: &[crate::scaffold::BadElement]| {
+        let place = |b: &crate::scaffold::BadElement| {
+            json!({ "element": b.number, "kind": b.kind.name(), "jacobian": b.determinant,
+                    "at": b.at.to_string() })
+        };
+        list.iter().map(place).collect::<Vec<Value>>()
+    };
     let facts = json!({
         "kind": "scaffold",
+        "unit": null,
+        "inverted_at": places(&report.folded),
+        "degenerate_at": places(&report.degenerate),
         "path": path.display().to_string(),
         "elements": kinds,
         "nodes": report.nodes,
@@ -296,10 +338,10 @@ fn screen(path: &Path, r: &ScaffoldReport) -> String {
     );
     let _ = writeln!(
         text,
-        "box {:?} to {:?}, volume {:.6}",
+        "box {:?} to {:?}, volume {}",
         r.bounds.min.as_slice(),
         r.bounds.max.as_slice(),
-        r.volume
+        figures(r.volume)
     );
     let _ = writeln!(
         text,

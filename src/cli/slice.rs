@@ -146,13 +146,13 @@ fn told(p: &Parameters, s: &Sliced, bytes: u64) -> Answer {
     let shown = p.output.display().to_string();
     let (unit, plan) = (s.unit, &s.plan);
     let text = format!(
-        "{shown}  {} layers of {} {unit}, {}x{} pixels of {} {unit}, volume {:.6} {unit}^3, {}",
+        "{shown}  {} layers of {} {unit}, {}x{} pixels of {} {unit}, volume {} {unit}^3, {}",
         plan.layers(),
         plan.height,
         plan.pixels[0],
         plan.pixels[1],
         plan.pixel,
-        s.volume,
+        crate::frame::figures(s.volume),
         super::run::size(bytes)
     );
     let axis = ["x", "y", "z"][plan.axis];

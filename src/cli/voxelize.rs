@@ -34,15 +34,8 @@ pub(super) struct Parameters {
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     let own = match p.unit {
         Some(unit) => Some(unit),
-        // Only this format says its unit; the whole file is read once more below.
-        None if p
-            .mesh
-            .extension()
-            .is_some_and(|e| e.eq_ignore_ascii_case("3mf")) =>
-        {
-            crate::io::read_mesh(&p.mesh)?.unit
-        }
-        None => None,
+        // Only 3MF says its unit; the whole file is read below.
+        None => crate::io::stated_unit(&p.mesh)?,
     };
     let unit = own.unwrap_or(LengthUnit::Millimetre);
     let symbol = |u: LengthUnit| Some(Value::String(u.symbol().into()));

@@ -1,8 +1,10 @@
-//! Lattices of straight beams, as printers that know them take them.
+//! Lattices of straight beams, as printers that know them take them, and as files give them.
 
 use super::atomic::AtomicFile;
-use super::{WriteError, threemf};
-use crate::frame::{LengthUnit, Vec3};
+use super::mesh_file::{MeshFile, MeshFormat, read_mesh};
+use super::{ReadError, WriteError, threemf};
+use crate::frame::{Aabb, LengthUnit, Vec3};
+use crate::mesh::TriMesh;
 use std::path::Path;
 
 /// A beam between two nodes.
@@ -38,4 +40,177 @@ pub fn write_beams(
     let written = threemf::write_beams(&mut file, lattice, (factor, unit));
     written.map_err(|e| file.failed(e))?;
     file.commit()
+}
+
+/// How a beam of a file ends.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum BeamCap {
+    /// With a ball of the radius there.
+    #[default]
+    Sphere,
+    /// With the half of a ball that points away from the beam.
+    Hemisphere,
+    /// Flat.
+    Butt,
+}
+
+/// A beam of a file in place: a cylinder, or a cone cut off at both ends, and its caps.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FileBeam {
+    /// Its ends.
+    pub ends: [Vec3; 2],
+    /// Radius at each end.
+    pub radii: [f64; 2],
+    /// What closes each end.
+    pub caps: [BeamCap; 2],
+}
+
+impl FileBeam {
+    /// The box around it.
+    pub fn bounds(&self) -> Aabb {
+        let along = (self.ends[1] - self.ends[0])
+            .try_normalize(0.0)
+            .unwrap_or_default();
+        (0..2).fold(Aabb::EMPTY, |b, n| {
+            let (c, r) = (self.ends[n], self.radii[n]);
+            let outward = if n == 0 { -along } else { along };
+            // The disc at the end, and of half a ball what points outward.
+            let disc = along.map(|a| r * (1.0 - a * a).max(0.0).sqrt());
+            let reach = |sign: f64| {
+                Vec3::from_fn(|axis, _| match self.caps[n] {
+                    BeamCap::Sphere => r,
+                    BeamCap::Hemisphere if outward[axis] * sign >= 0.0 => r,
+                    _ => disc[axis],
+                })
+            };
+            b.union(Aabb {
+                min: c - reach(-1.0),
+                max: c + reach(1.0),
+            })
+        })
+    }
+}
+
+/// A mesh that ends a lattice.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BeamClip {
+    /// Whether the lattice is kept inside the mesh, or outside.
+    pub keeps_inside: bool,
+    /// The mesh, in place.
+    pub mesh: TriMesh,
+}
+
+/// The beams and balls of one object of a file, in place.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct BeamPart {
+    /// The beams.
+    pub beams: Vec<FileBeam>,
+    /// Centres and radii of balls.
+    pub balls: Vec<(Vec3, f64)>,
+    /// What clips them.
+    pub clip: Option<BeamClip>,
+}
+
+impl BeamPart {
+    /// Number of beams and balls.
+    pub fn len(&self) -> usize {
+        self.beams.len() + self.balls.len()
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// A box around it: that of the clipping mesh, too, where it is smaller.
+    pub fn bounds(&self) -> Aabb {
+        let beams = self
+            .beams
+            .iter()
+            .fold(Aabb::EMPTY, |b, beam| b.union(beam.bounds()));
+        let ball = |&(c, r): &(Vec3, f64)| Aabb { min: c, max: c }.dilated(r);
+        let all = self.balls.iter().fold(beams, |b, s| b.union(ball(s)));
+        match &self.clip {
+            Some(clip) if clip.keeps_inside => all.intersection(clip.mesh.bounds()),
+            _ => all,
+        }
+    }
+}
+
+/// What a file holds as a solid: triangles, and beams where the format has them.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SolidFile {
+    /// The triangles, none where beams are all there is; the unit; what was odd.
+    pub file: MeshFile,
+    /// The beams of each object, in the unit of the triangles.
+    pub beams: Vec<BeamPart>,
+}
+
+impl SolidFile {
+    /// The box around triangles and beams.
+    pub fn bounds(&self) -> Aabb {
+        let mesh = &self.file.mesh;
+        let start = if mesh.is_empty() {
+            Aabb::EMPTY
+        } else {
+            mesh.bounds()
+        };
+        self.beams
+            .iter()
+            .fold(start, |b, part| b.union(part.bounds()))
+    }
+}
+
+/// Reads a mesh with its beams, which [`read_mesh`] refuses: all formats of that, and beams of 3MF.
+///
+/// # Errors
+/// As [`read_mesh`].
+pub fn read_solid(path: impl AsRef<Path>) -> Result<SolidFile, ReadError> {
+    let path = path.as_ref();
+    if is_3mf(path) {
+        let solid = threemf::read_solid(path)?;
+        if !solid.beams.is_empty() {
+            return Ok(solid);
+        }
+    }
+    Ok(SolidFile {
+        file: read_mesh(path)?,
+        beams: Vec::new(),
+    })
+}
+
+/// The unit that a file of this format states at its head, if the format has one.
+///
+/// # Errors
+/// [`ReadError`] for a 3MF that is missing or damaged.
+pub fn stated_unit(path: impl AsRef<Path>) -> Result<Option<LengthUnit>, ReadError> {
+    let path = path.as_ref();
+    if is_3mf(path) {
+        return threemf::unit(path).map(Some);
+    }
+    Ok(None)
+}
+
+/// Whether a path is a 3MF that holds beams and no triangles.
+///
+/// # Errors
+/// [`ReadError`] for a 3MF that is missing or damaged.
+pub fn is_strut_file(path: impl AsRef<Path>) -> Result<bool, ReadError> {
+    let path = path.as_ref();
+    if !is_3mf(path) {
+        return Ok(false);
+    }
+    let solid = threemf::read_solid(path)?;
+    Ok(solid.file.mesh.is_empty() && !solid.beams.is_empty())
+}
+
+/// Whether a path is a 3MF whose content begins as one.
+fn is_3mf(path: &Path) -> bool {
+    if MeshFormat::of(path) != Some(MeshFormat::ThreeMf) {
+        return false;
+    }
+    let mut head = [0; 4];
+    let read =
+        std::fs::File::open(path).and_then(|mut f| std::io::Read::read_exact(&mut f, &mut head));
+    read.is_ok() && head == *b"PK\x03\x04"
 }

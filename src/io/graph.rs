@@ -1,4 +1,4 @@
-//! Strut graphs and plates as text: TOML or JSON.
+//! Strut graphs and plates as text, TOML or JSON, and the beams of a 3MF as struts.
 //!
 //! ```toml
 //! radius = 0.08                       # of struts without one of their own, reference lengths
@@ -10,7 +10,7 @@
 //! thicknesses = [0.06]                # one for every face, or left out
 //! ```
 
-use super::{Place, ReadError};
+use super::{BeamCap, Place, ReadError};
 use crate::cell::Skeleton;
 use crate::frame::Vec3;
 use serde::Deserialize;
@@ -37,7 +37,8 @@ struct Text {
 }
 
 /// Reads struts and plates from `.toml` or `.json`; `radius` and `thickness`, where given, stand in the
-/// place of the file's own for all parts together.
+/// place of the file's own for all parts together. The beams of a `.3mf` are struts of their own radii, its
+/// numbers reference lengths.
 ///
 /// # Errors
 /// [`ReadError`] with the line, edge or face: no such file, no graph, a node that does not exist, a part
@@ -47,7 +48,88 @@ pub fn read_skeleton(
     radius: Option<f64>,
     thickness: Option<f64>,
 ) -> Result<Skeleton, ReadError> {
-    let path = path.as_ref();
+    Ok(read_skeleton_noted(path.as_ref(), radius, thickness)?.0)
+}
+
+/// As [`read_skeleton`], with what of the file is not in the graph, one sentence each.
+///
+/// # Errors
+/// As [`read_skeleton`].
+pub fn read_skeleton_noted(
+    path: &Path,
+    radius: Option<f64>,
+    thickness: Option<f64>,
+) -> Result<(Skeleton, Vec<String>), ReadError> {
+    let extension = path.extension().and_then(|e| e.to_str()).unwrap_or("");
+    if extension.eq_ignore_ascii_case("3mf") {
+        return of_beams(path);
+    }
+    Ok((read_text(path, radius, thickness)?, Vec::new()))
+}
+
+/// Pieces of a beam whose radius varies: a strut has one radius.
+const PIECES: usize = 8;
+
+/// The beams of a 3MF.
+fn of_beams(path: &Path) -> Result<(Skeleton, Vec<String>), ReadError> {
+    let solid = super::read_solid(path)?;
+    let mut notes = solid.file.warnings;
+    let mut skeleton = Skeleton::new();
+    let (mut varying, mut flat, mut balls, mut clipped) = (0, 0, 0, 0);
+    let beams = solid.beams.iter().flat_map(|part| &part.beams);
+    for (n, beam) in beams.enumerate() {
+        let [a, b] = beam.ends;
+        let [r, s] = beam.radii;
+        let pieces = if r == s { 1 } else { PIECES };
+        varying += usize::from(r != s);
+        flat += beam.caps.iter().filter(|c| **c == BeamCap::Butt).count();
+        let at = |k: usize| a + (b - a) * (k as f64 / pieces as f64);
+        for k in 0..pieces {
+            let radius = r + (s - r) * (k as f64 + 0.5) / pieces as f64;
+            let added = skeleton.strut([at(k), at(k + 1)], radius);
+            added.map_err(|e| {
+                let place = Place::Item("beam", n as u64);
+                ReadError::data(path, place, e.to_string(), "a strut")
+            })?;
+        }
+    }
+    for part in &solid.beams {
+        balls += part.balls.len();
+        clipped += usize::from(part.clip.is_some());
+    }
+    if skeleton.struts().is_empty() {
+        let expected = "a 3MF with a beam lattice";
+        return Err(ReadError::data(path, Place::File, "no beams", expected)
+            .with_hint("a mesh is the source of a cell by the key mesh"));
+    }
+    let mut note = |count: usize, text: &str| {
+        if count > 0 {
+            notes.push(format!("{count} {text}"));
+        }
+    };
+    note(
+        solid.file.mesh.triangles().len(),
+        "triangles beside the beams are no part of the graph",
+    );
+    note(
+        varying,
+        "beams of varying radius are struts of 8 pieces each",
+    );
+    note(flat, "flat ends of beams are round ends of struts");
+    note(balls, "balls of the lattice are no part of the graph");
+    note(
+        clipped,
+        "lattices are clipped by a mesh in the file and whole in the graph",
+    );
+    Ok((skeleton, notes))
+}
+
+/// A graph of a text file.
+fn read_text(
+    path: &Path,
+    radius: Option<f64>,
+    thickness: Option<f64>,
+) -> Result<Skeleton, ReadError> {
     let whole = |found: String, expected: &str| ReadError::data(path, Place::File, found, expected);
     let size = std::fs::metadata(path)
         .map_err(|e| ReadError::io(path, e))?
@@ -77,7 +159,7 @@ pub fn read_skeleton(
         other => {
             return Err(whole(
                 format!("the extension {other:?}"),
-                "a .toml or a .json",
+                "a .toml, a .json or a .3mf",
             ));
         }
     };

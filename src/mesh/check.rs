@@ -12,10 +12,10 @@ use super::intersect::{is_flat, meeting_pairs};
 use super::repair::ShellReport;
 use super::sides::HalfEdges;
 use super::soup::Soup;
-use crate::frame::{Aabb, Vec3};
+use crate::frame::{Aabb, LengthUnit, Vec3, figures, place_figures};
 use crate::progress::{Cancelled, Progress, Silent};
 use crate::sets::Sets;
-use std::fmt;
+use std::fmt::{self, Write};
 
 /// How many places of a defect are kept.
 const PLACES: usize = 5;
@@ -137,44 +137,54 @@ impl MeshReport {
     }
 }
 
-impl fmt::Display for MeshReport {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+impl MeshReport {
+    /// All of it for people, measures in a unit if it is known.
+    pub fn text(&self, unit: Option<LengthUnit>) -> String {
+        let mut text = String::new();
+        let f = &mut text;
         for (word, answer) in self.words() {
             let answer = match answer {
                 Some(true) => "yes",
                 Some(false) => "NO",
                 None => "not looked for",
             };
-            writeln!(f, "{word}: {answer}")?;
+            let _ = writeln!(f, "{word}: {answer}");
         }
         for (name, finding) in self.defects() {
-            write!(f, "{} {name}", finding.count)?;
+            let _ = write!(f, "{} {name}", finding.count);
             if let Some(Defect { at, triangles }) = finding.places.first() {
                 let numbers: Vec<String> = triangles.iter().map(u32::to_string).collect();
                 let list = numbers.join(", ");
-                write!(
-                    f,
-                    ", first at ({:.6}, {:.6}, {:.6}), triangles {list}",
-                    at.x, at.y, at.z
-                )?;
+                let at = place_figures(*at);
+                let _ = write!(f, ", first at {at}, triangles {list}");
             }
-            writeln!(f)?;
+            f.push('\n');
         }
         for (name, count) in self.shells.iter().flat_map(ShellReport::facts) {
             if count > 0 {
-                writeln!(f, "{count} {name}")?;
+                let _ = writeln!(f, "{count} {name}");
             }
         }
-        write!(
+        let power = |n: u32| unit.map_or_else(String::new, |u| format!(" {u}^{n}"));
+        let _ = write!(
             f,
-            "{} triangles, {} vertices, {} component{}, volume {:.6}, area {:.6}",
+            "{} triangles, {} vertices, {} component{}, volume {}{}, area {}{}",
             self.triangles,
             self.vertices,
             self.components,
             if self.components == 1 { "" } else { "s" },
-            self.volume,
-            self.area
-        )
+            figures(self.volume),
+            power(3),
+            figures(self.area),
+            power(2)
+        );
+        text
+    }
+}
+
+impl fmt::Display for MeshReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.text(None))
     }
 }
 

@@ -102,8 +102,8 @@ impl Crystal {
     pub fn solid(&self, recipe: &Recipe, frame: &CrystalFrame) -> Result<TriMesh, RunError> {
         let volume = self.mesh.volume();
         if volume <= 0.0 {
-            let message =
-                format!("its volume is {volume:.6}; expected a surface that looks outward");
+            let volume = crate::frame::figures(volume);
+            let message = format!("its volume is {volume}; expected a surface that looks outward");
             return Err(fault(recipe, frame, &message));
         }
         let cut = self.mesh.triangulated();

@@ -3,9 +3,10 @@
 use super::RunOptions;
 use super::crystals::Crystal;
 use super::error::{RunError, show};
+use super::lattice::Lattice;
 use super::report::{Input, Warning};
 use crate::frame::{Aabb, LengthUnit, Vec3};
-use crate::io::{Place, ReadError};
+use crate::io::{Place, ReadError, SolidFile};
 use crate::mesh::{HopelessMesh, MeshSolid, RepairKind, TriMesh};
 use crate::recipe::{CrystalFrame, FileFrame, Recipe, SurfaceRef, Up};
 use crate::vdb::isolate::{Opened, Program};
@@ -44,9 +45,29 @@ impl<'a> Inputs<'a> {
     /// The solid within a surface of the recipe.
     pub fn solid(&mut self, key: &str, surface: SurfaceRef) -> Result<MeshSolid, RunError> {
         match surface {
-            SurfaceRef::Mesh(file) => self.read_solid(key, file),
+            SurfaceRef::Mesh(file) => {
+                let path = self.recipe.resolve(&file.path);
+                let read = SolidFile {
+                    file: crate::io::read_mesh(&path)?,
+                    beams: Vec::new(),
+                };
+                Ok(self.read_solid(key, file, read)?.0)
+            }
             SurfaceRef::Crystal(frame) => self.crystal_solid(key, frame),
         }
+    }
+
+    /// The solid within a surface of the recipe, and the beams that its file holds besides.
+    pub fn solid_and_beams(
+        &mut self,
+        key: &str,
+        surface: SurfaceRef,
+    ) -> Result<(MeshSolid, Option<Lattice>), RunError> {
+        let SurfaceRef::Mesh(file) = surface else {
+            return Ok((self.solid(key, surface)?, None));
+        };
+        let read = crate::io::read_solid(self.recipe.resolve(&file.path))?;
+        self.read_solid(key, file, read)
     }
 
     /// Makes a crystal and notes it.
@@ -95,18 +116,36 @@ impl<'a> Inputs<'a> {
         Ok(solid)
     }
 
-    /// Reads a mesh into the recipe's unit and frame, and makes a solid of it.
-    fn read_solid(&mut self, key: &str, file: &FileFrame) -> Result<MeshSolid, RunError> {
+    /// Brings what was read into the recipe's unit and frame, and makes solids of it.
+    fn read_solid(
+        &mut self,
+        key: &str,
+        file: &FileFrame,
+        SolidFile { file: read, beams }: SolidFile,
+    ) -> Result<(MeshSolid, Option<Lattice>), RunError> {
         let path = self.recipe.resolve(&file.path);
-        let read = crate::io::read_mesh(&path)?;
         let own = file.unit.map(|u| u.0).or(read.unit);
-        let mesh = framed(&read.mesh, file, own, self.recipe.unit());
-        let bounds = filled(&mesh, &path)?;
+        let recipe = self.recipe.unit();
+        let mesh = framed(&read.mesh, file, own, recipe);
+        let factor = own.map_or(1.0, |u| u.to(recipe)) * file.transform.scale.0;
+        let map = frame_map(file, own, recipe);
+        let clip = |mesh| self.repaired(key, mesh, &path);
+        let lattice = Lattice::new(&beams, map, factor, clip)?;
+        let bounds = match &lattice {
+            Some(lattice) if mesh.is_empty() => lattice.bounds(),
+            Some(lattice) => lattice.bounds().union(mesh.bounds()),
+            None => filled(&mesh, &path)?,
+        };
         self.record(key, &path, bounds)?;
         for warning in read.warnings {
             self.warn(Warning::MESH, format!("{key}: {warning}"))?;
         }
-        self.repaired(key, mesh, &path)
+        let solid = if mesh.is_empty() {
+            MeshSolid::new(mesh)
+        } else {
+            self.repaired(key, mesh, &path)?
+        };
+        Ok((solid, lattice))
     }
 
     /// Notes an input for the report.
@@ -171,7 +210,7 @@ fn filled(mesh: &TriMesh, path: &Path) -> Result<Aabb, ReadError> {
     Ok(mesh.bounds())
 }
 
-fn hopeless(path: &Path, error: &HopelessMesh) -> ReadError {
+pub(super) fn hopeless(path: &Path, error: &HopelessMesh) -> ReadError {
     ReadError::data(
         path,
         Place::File,

@@ -151,11 +151,9 @@ impl ContinuityReport {
         };
         Some(format!(
             "the field is not continuous: it jumps by {:.2e} of its range, at most {CONTINUOUS:e} was \
-             expected, worst at ({:.6}, {:.6}, {:.6}) between elements {} and {}; {remedy}",
+             expected, worst at {} between elements {} and {}; {remedy}",
             self.value_jump_max,
-            seam.at[0],
-            seam.at[1],
-            seam.at[2],
+            crate::frame::place_figures(seam.at.into()),
             seam.elements[0],
             seam.elements[1],
         ))

@@ -15,7 +15,7 @@ use super::inputs::Inputs;
 use super::offsets::Offsets;
 use super::report::Warning;
 use super::shape::{Borrowed, Shape, common_part};
-use super::source::skeleton;
+use super::source::{skeleton, skeleton_notes};
 use super::varying::Setting;
 use crate::beams::{
     Beam, Beams, Cut, Network, NetworkError, Plate, ScaffoldSolid, Shapes, WeightsAt, Width,
@@ -230,6 +230,11 @@ impl Round {
         let recipe = inputs.recipe;
         let scaffold = &fill.loaded.scaffold;
         let names = section.cells();
+        for name in &names {
+            for note in skeleton_notes(recipe, &recipe.sections().cell[*name])? {
+                inputs.warn(Warning::MESH, format!("cell.{name}: {note}"))?;
+            }
+        }
         let cells = names
             .iter()
             .map(|name| shapes(recipe, name, section, scaffold));

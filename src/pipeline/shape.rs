@@ -12,7 +12,7 @@ use crate::field::{
     LeafParts, Leaves, Offset, Sphere, Union, WorldField,
 };
 use crate::frame::{Aabb, Vec3};
-use crate::mesh::{Side as MeshSide, Skin};
+use crate::mesh::{MeshSolid, Side as MeshSide, Skin};
 use crate::recipe::{Length, Op, Operand, Scale, Side, Trim};
 
 /// A solid as a field, the box it lies in, and what it is called in messages.
@@ -125,7 +125,7 @@ pub(super) fn common_part<'a>(
 }
 
 /// All of two fields, as [`common_part`]: what is left out is the common part of what either leaves out.
-fn whole<'a>(
+pub(super) fn whole<'a>(
     a: Box<WorldField<'a>>,
     b: Box<WorldField<'a>>,
     reach: f64,
@@ -222,6 +222,16 @@ pub(super) fn operand<'a>(
         Operand::Mesh(_) | Operand::Crystal(_) => {
             let solid = stock.solid(key);
             let word = operand.surface().map_or("solid", |s| s.word());
+            if let Some(lattice) = stock.lattice(key) {
+                let band = stock.recipe.sections().band.half_width.0 * scale.voxel_size;
+                let mesh = Some(solid).filter(|s| !s.mesh().is_empty());
+                let bounds = mesh.map_or(Aabb::EMPTY, MeshSolid::bounds);
+                return Ok(Shape {
+                    extent: bounds.union(lattice.bounds()),
+                    field: lattice.field(mesh, (offsets.reach() + band, offsets)),
+                    name: format!("the {word} of {key}"),
+                });
+            }
             Shape {
                 extent: solid.bounds(),
                 field: Box::new(Borrowed(solid)),

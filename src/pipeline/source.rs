@@ -78,27 +78,50 @@ pub(super) fn skeleton(
     let Some(f) = section.graph.as_ref().or(section.plates.as_ref()) else {
         return Ok(Skeleton::new());
     };
-    let path = has_extension(&f.path, &["toml", "json"]).then(|| recipe.resolve(&f.path));
-    parts(section, f, element, path.as_deref())
+    let path = has_extension(&f.path, &GRAPH_FILES).then(|| recipe.resolve(&f.path));
+    Ok(parts(section, f, element, path.as_deref())?.0)
 }
 
-/// Struts or plates, by name or from a file.
+/// What of the file of a cell's graph is not in the graph.
+pub(super) fn skeleton_notes(
+    recipe: &Recipe,
+    section: &CellSection,
+) -> Result<Vec<String>, ReadError> {
+    let graph = section.graph.as_ref().or(section.plates.as_ref());
+    match graph.filter(|f| has_extension(&f.path, &["3mf"])) {
+        Some(f) => {
+            let read = crate::io::read_skeleton_noted(&recipe.resolve(&f.path), None, None)?;
+            Ok(read.1)
+        }
+        None => Ok(Vec::new()),
+    }
+}
+
+/// Extensions of graphs in files.
+const GRAPH_FILES: [&str; 3] = ["toml", "json", "3mf"];
+
+/// Struts or plates, by name or from a file, and what of the file is left out.
 fn parts(
     section: &CellSection,
     f: &FileFrame,
     element: Element,
     path: Option<&Path>,
-) -> Result<Skeleton, SourceFault> {
+) -> Result<(Skeleton, Vec<String>), SourceFault> {
     let radius = section.radius.map(|r| r.0);
     let thickness = section.plate_thickness.map(|t| t.0);
     let name = f.path.to_string_lossy();
-    Ok(match path {
-        Some(path) => crate::io::read_skeleton(path, radius, thickness)?,
+    let named = match path {
+        Some(path) => {
+            let (read, notes) = crate::io::read_skeleton_noted(path, radius, thickness)?;
+            let map = frame_map(f, None, LengthUnit::default());
+            return Ok((read.mapped(map, f.transform.scale.0), notes));
+        }
         None if section.graph.is_some() => {
             Skeleton::graph(element, &name, radius.unwrap_or(RADIUS))?
         }
         None => Skeleton::plates_of(element, &name, thickness.unwrap_or(THICKNESS))?,
-    })
+    };
+    Ok((named, Vec::new()))
 }
 
 /// Where sources are read.
@@ -174,8 +197,9 @@ impl Reader<'_> {
                 Source::voxels(element, &voxels, &place)?
             }
         } else if let Some(f) = section.graph.as_ref().or(section.plates.as_ref()) {
-            let path = has_extension(&f.path, &["toml", "json"]).then(|| open("graph", f));
-            let skeleton = parts(section, f, element, path.as_deref())?;
+            let path = has_extension(&f.path, &GRAPH_FILES).then(|| open("graph", f));
+            let (skeleton, notes) = parts(section, f, element, path.as_deref())?;
+            found.warn(Warning::MESH, &notes);
             Source::skeleton(element, &skeleton, &place)?
         } else if let (Some(frame), Some(recipe)) = (&section.crystal, self.recipe) {
             let made = Crystal::make(recipe, frame).map_err(SourceFault::Run)?;
@@ -398,7 +422,7 @@ pub fn enter_source(input: &Path, section: &mut CellSection) -> Result<(), ReadE
         section.file = file();
     } else if has_extension(input, &["npy", "vdb"]) {
         section.voxels = file();
-    } else if has_extension(input, &["toml", "json"]) {
+    } else if has_extension(input, &["toml", "json"]) || is_strut_file(input) {
         section.graph = file();
     } else if has_extension(input, &TEXT_CLOUDS) || crate::io::is_point_cloud(input)? {
         section.points = file();
@@ -435,6 +459,11 @@ pub fn enter_source(input: &Path, section: &mut CellSection) -> Result<(), ReadE
         return Err(ReadError::io(input, std::io::ErrorKind::NotFound.into()).with_hint(hint));
     }
     Ok(())
+}
+
+/// Whether a file holds beams and no triangles; what cannot be read is told where it is read.
+fn is_strut_file(input: &Path) -> bool {
+    crate::io::is_strut_file(input).unwrap_or(false)
 }
 
 /// Whether a text was probably meant as a formula, so that its own error helps more than "no such file".

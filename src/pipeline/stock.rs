@@ -6,6 +6,7 @@ use super::error::{RunError, short};
 use super::filling::{Fill, Filled};
 use super::fractions;
 use super::inputs::{Inputs, hash_text};
+use super::lattice::Lattice;
 use super::offsets::{self, Offsets};
 use super::report::{OffsetReport, Report, SolidReport, Warning};
 use super::scaffold;
@@ -35,6 +36,8 @@ pub(super) struct Stock<'a> {
     pub volumes: Volumes,
     inputs: Inputs<'a>,
     solids: BTreeMap<String, Arc<MeshSolid>>,
+    /// Beams of the files that the solids are of.
+    lattices: BTreeMap<String, Arc<Lattice>>,
     singles: BTreeMap<String, StandAlone>,
     tiling: Option<Fill>,
     offsets: Offsets,
@@ -58,6 +61,7 @@ impl<'a> Stock<'a> {
             inputs: Inputs::new(recipe, options),
             volumes: Volumes::default(),
             solids: BTreeMap::new(),
+            lattices: BTreeMap::new(),
             singles: BTreeMap::new(),
             tiling: None,
             offsets: Offsets::default(),
@@ -79,22 +83,32 @@ impl<'a> Stock<'a> {
     }
 
     fn load_solids(&mut self) -> Result<(), RunError> {
-        let mut seen: Vec<(SurfaceRef, Arc<MeshSolid>)> = Vec::new();
+        type Known = (Arc<MeshSolid>, Option<Arc<Lattice>>);
+        let mut seen: Vec<(SurfaceRef, Known)> = Vec::new();
         for (n, op) in self.recipe.sections().op.iter().enumerate() {
             let Some(surface) = op.operand().and_then(Operand::surface) else {
                 continue;
             };
-            let known = seen.iter().find(|(s, _)| *s == surface);
-            let solid = if let Some((_, solid)) = known {
-                Arc::clone(solid)
+            let skin = matches!(op.operand(), Some(Operand::Skin(_)));
+            // A skin takes a mesh without beams.
+            let is_known = |s: &&(SurfaceRef, Known)| s.0 == surface && !(skin && s.1.1.is_some());
+            let (solid, lattice) = if let Some((_, known)) = seen.iter().find(is_known) {
+                known.clone()
             } else {
-                let skin = matches!(op.operand(), Some(Operand::Skin(_)));
                 let path = if skin { ".skin" } else { "" };
                 let key = format!("op.{n}.{}{path}.{}", op.name(), surface.word());
-                let solid = Arc::new(self.inputs.solid(&key, surface)?);
-                seen.push((surface, Arc::clone(&solid)));
-                solid
+                let known: Known = if skin {
+                    (Arc::new(self.inputs.solid(&key, surface)?), None)
+                } else {
+                    let (solid, lattice) = self.inputs.solid_and_beams(&key, surface)?;
+                    (Arc::new(solid), lattice.map(Arc::new))
+                };
+                seen.push((surface, known.clone()));
+                known
             };
+            if let Some(lattice) = lattice {
+                self.lattices.insert(format!("op.{n}"), lattice);
+            }
             self.solids.insert(format!("op.{n}"), solid);
         }
         Ok(())
@@ -140,12 +154,14 @@ impl<'a> Stock<'a> {
         Ok(())
     }
 
-    /// The first mesh or crystal that the solid is intersected with.
+    /// The first mesh or crystal without beams that the solid is intersected with.
     fn envelope(&self) -> Option<&Arc<MeshSolid>> {
         let ops = &self.recipe.sections().op;
         ops.iter().enumerate().find_map(|(n, op)| match op {
             Op::Intersect(Operand::Mesh(_) | Operand::Crystal(_)) => {
-                self.solids.get(&format!("op.{n}"))
+                let key = format!("op.{n}");
+                let has_beams = self.lattices.contains_key(&key);
+                self.solids.get(&key).filter(|_| !has_beams)
             }
             _ => None,
         })
@@ -215,6 +231,11 @@ impl<'a> Stock<'a> {
     /// The mesh of an operation, by its key `op.N`.
     pub fn solid(&self, key: &str) -> &MeshSolid {
         &self.solids[key]
+    }
+
+    /// The beams beside the mesh of an operation, by its key `op.N`.
+    pub fn lattice(&self, key: &str) -> Option<&Lattice> {
+        self.lattices.get(key).map(Arc::as_ref)
     }
 
     /// The cell of an operation, by its key `op.N`.

@@ -1,10 +1,11 @@
-//! The Archimedean solids as operators on Platonic ones, with edges of equal length.
+//! The Archimedean solids as operators on Platonic ones, with edges of equal length, and the names by which
+//! both go.
 
 use super::kind::{Kind, Operator};
 use super::{PolyMesh, operator, seed};
 
 /// Name, Platonic solid, the kind that makes it, operator.
-const TABLE: [(&str, &str, Kind, Operator); 15] = {
+const TABLE: [(&str, &str, Kind, Operator); 13] = {
     use Kind::{Cubical, Dodecahedral, Icosahedral, Octahedral, Tetrahedral};
     use Operator::{Cantellate, Omnitruncate, Rectify, Snub, Truncate};
     [
@@ -31,15 +32,8 @@ const TABLE: [(&str, &str, Kind, Operator); 15] = {
         ("cuboctahedron", "cube", Cubical, Rectify),
         ("icosidodecahedron", "dodecahedron", Dodecahedral, Rectify),
         ("small_rhombicuboctahedron", "cube", Cubical, Cantellate),
-        ("rhombicuboctahedron", "cube", Cubical, Cantellate),
         (
             "small_rhombicosidodecahedron",
-            "dodecahedron",
-            Dodecahedral,
-            Cantellate,
-        ),
-        (
-            "rhombicosidodecahedron",
             "dodecahedron",
             Dodecahedral,
             Cantellate,
@@ -56,9 +50,101 @@ const TABLE: [(&str, &str, Kind, Operator); 15] = {
     ]
 };
 
-/// Names of the Archimedean solids; two have a short form as well.
+/// Solids and the other names that they go by.
+#[rustfmt::skip]
+const SYNONYMS: [(&str, &[&str]); 16] = [
+    ("tetrahedron", &["triangular pyramid"]),
+    ("cube", &["hexahedron"]),
+    ("octahedron", &["rectified tetrahedron", "tetratetrahedron", "square bipyramid"]),
+    ("dodecahedron", &["pentagonal dodecahedron", "pentagondodecahedron"]),
+    ("icosahedron", &["snub tetrahedron", "snub tetratetrahedron"]),
+    ("truncated_cube", &["truncated hexahedron"]),
+    ("truncated_octahedron", &[
+        "omnitruncated tetrahedron", "cantitruncated tetrahedron", "truncated tetratetrahedron",
+        "rhombitruncated tetratetrahedron", "bitruncated cube", "tetrakaidecahedron", "permutohedron",
+    ]),
+    ("truncated_icosahedron", &["buckyball", "soccer ball", "football", "buckminsterfullerene"]),
+    ("cuboctahedron", &[
+        "rectified cube", "rectified hexahedron", "rectified octahedron", "cantellated tetrahedron",
+        "expanded tetrahedron", "rhombitetratetrahedron", "triangular gyrobicupola", "vector equilibrium",
+    ]),
+    ("icosidodecahedron", &[
+        "rectified dodecahedron", "rectified icosahedron", "pentagonal gyrobirotunda",
+    ]),
+    ("small_rhombicuboctahedron", &[
+        "rhombicuboctahedron", "cantellated cube", "cantellated hexahedron", "cantellated octahedron",
+        "expanded cube", "expanded hexahedron", "expanded octahedron", "rectified cuboctahedron",
+    ]),
+    ("small_rhombicosidodecahedron", &[
+        "rhombicosidodecahedron", "cantellated dodecahedron", "cantellated icosahedron",
+        "expanded dodecahedron", "expanded icosahedron", "rectified icosidodecahedron",
+    ]),
+    ("great_rhombicuboctahedron", &[
+        "truncated cuboctahedron", "rhombitruncated cuboctahedron", "omnitruncated cube",
+        "omnitruncated hexahedron", "omnitruncated octahedron", "omnitruncated cuboctahedron",
+        "cantitruncated cube", "cantitruncated hexahedron", "cantitruncated octahedron",
+        "bevelled cube", "beveled cube",
+    ]),
+    ("great_rhombicosidodecahedron", &[
+        "truncated icosidodecahedron", "rhombitruncated icosidodecahedron", "omnitruncated dodecahedron",
+        "omnitruncated icosahedron", "omnitruncated icosidodecahedron", "cantitruncated dodecahedron",
+        "cantitruncated icosahedron", "bevelled dodecahedron", "beveled dodecahedron",
+    ]),
+    ("snub_cube", &["snub cuboctahedron", "snub hexahedron"]),
+    ("snub_dodecahedron", &["snub icosidodecahedron", "snub icosahedron"]),
+];
+
+/// Names of the Archimedean solids.
 pub(super) fn names() -> impl Iterator<Item = &'static str> {
     TABLE.iter().map(|row| row.0)
+}
+
+/// A name without what spellings differ by: capitals, hyphens, blanks, underscores, "regular", rhombo for
+/// rhombi.
+fn letters(name: &str) -> String {
+    let plain = name.chars().filter(char::is_ascii_alphabetic);
+    let plain: String = plain.map(|c| c.to_ascii_lowercase()).collect();
+    let plain = plain
+        .strip_prefix("regular")
+        .map_or(plain.clone(), str::to_owned);
+    plain.replace("rhombo", "rhombi")
+}
+
+/// All names of solids with the one that is used here.
+fn all() -> impl Iterator<Item = (&'static str, &'static str)> {
+    let own = seed::PLATONIC.into_iter().chain(names());
+    let others = SYNONYMS
+        .iter()
+        .flat_map(|(name, others)| others.iter().map(move |o| (*o, *name)));
+    own.map(|n| (n, n)).chain(others)
+}
+
+/// The name that is used here of a solid by any of its names, however it is spelled.
+pub(super) fn canonical(name: &str) -> Option<&'static str> {
+    let is_name = |c: char| c.is_ascii_alphabetic() || matches!(c, '_' | '-' | ' ');
+    if !name.chars().all(is_name) {
+        return None;
+    }
+    let wanted = letters(name);
+    all()
+        .find(|(known, _)| letters(known) == wanted)
+        .map(|n| n.1)
+}
+
+/// The solid whose names resemble a word most, if any does.
+pub(super) fn nearest(name: &str) -> Option<&'static str> {
+    let wanted = letters(name);
+    all()
+        .map(|(known, own)| {
+            (
+                strsim::damerau_levenshtein(&letters(known), &wanted),
+                known,
+                own,
+            )
+        })
+        .filter(|(distance, known, _)| *distance <= 1 + known.len() / 5)
+        .min_by_key(|n| n.0)
+        .map(|n| n.2)
 }
 
 /// An Archimedean solid about the origin.

@@ -2,7 +2,7 @@
 
 use super::PolyMesh;
 use super::polygon::{area_vector, mean, unit};
-use crate::frame::{Aabb, Vec3};
+use crate::frame::{Aabb, Vec3, figures};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt;
@@ -162,12 +162,16 @@ impl fmt::Display for Summary {
             "{} vertices, {} edges, {} faces, Euler {}, {} piece{plural}",
             self.vertices, self.edges, self.faces, self.euler, self.pieces
         )?;
-        writeln!(f, "volume {:.9}, area {:.9}", self.volume, self.area)?;
+        let [volume, area] = [self.volume, self.area].map(figures);
+        writeln!(f, "volume {volume}, area {area}")?;
         let (least, most) = self.edge_lengths;
         writeln!(
             f,
-            "edges {least:.6} to {most:.6}, least plane face off by {:.2e} (face {})",
-            self.planarity.0, self.planarity.1
+            "edges {} to {}, least plane face off by {:.2e} (face {})",
+            figures(least),
+            figures(most),
+            self.planarity.0,
+            self.planarity.1
         )?;
         let list: Vec<String> = self
             .sides

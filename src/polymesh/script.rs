@@ -38,7 +38,7 @@ use argument::Statement;
 /// The steps of a script, with their arguments.
 #[rustfmt::skip]
 pub const VERBS: &[(&str, &str)] = &[
-    ("SOLID", "edge=1: any of the 5 Platonic and 13 Archimedean solids by name"),
+    ("SOLID", "edge=1: any of the 5 Platonic and 13 Archimedean solids by any of its names"),
     ("polygon", "n=5 edge=1: a two-sided n-gon, face 0 up"),
     ("prism", "n=6 edge=1 height=1"),
     ("antiprism", "n=6 edge=1 height=: equilateral triangles without a height"),
@@ -388,9 +388,9 @@ fn items(list: &[Item], workshop: &mut Workshop, until: usize) -> Result<bool, S
     Ok(true)
 }
 
-/// Whether a word begins a step.
+/// Whether a word begins a step that is no solid.
 fn is_verb(word: &str) -> bool {
-    VERBS.iter().any(|v| v.0 == word && word != "SOLID") || seed::solids().contains(&word)
+    VERBS.iter().any(|v| v.0 == word && word != "SOLID")
 }
 
 /// The known word nearest to one, if any is near.

@@ -49,8 +49,20 @@ pub fn solids() -> Vec<&'static str> {
     PLATONIC.into_iter().chain(archimedean::names()).collect()
 }
 
-/// A Platonic or Archimedean solid by name, with its edge length.
+/// The name in [`solids`] of a solid by any of its names, whatever its capitals, hyphens and blanks:
+/// "Truncated cuboctahedron" is the `great_rhombicuboctahedron`.
+pub fn canonical(name: &str) -> Option<&'static str> {
+    archimedean::canonical(name)
+}
+
+/// The solid whose names resemble a word most, if any does.
+pub(super) fn nearest_solid(name: &str) -> Option<&'static str> {
+    archimedean::nearest(name)
+}
+
+/// A Platonic or Archimedean solid by any of its names, with its edge length.
 pub fn solid(name: &str, edge: f64) -> Option<PolyMesh> {
+    let name = canonical(name)?;
     platonic(name, edge).or_else(|| archimedean::solid(name, edge))
 }
 

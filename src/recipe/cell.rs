@@ -40,7 +40,7 @@ pub struct CellSection {
     #[cfg_attr(feature = "cli", arg(skip))]
     pub formula: Option<String>,
     /// Struts: sc, bcc, fcc, octet, kelvin, diamond, cross, edges, spokes, axes, or a .toml or .json with
-    /// nodes, edges and radii (faces and thicknesses too).
+    /// nodes, edges and radii (faces and thicknesses too), or a .3mf with a beam lattice.
     #[cfg_attr(feature = "cli", arg(skip))]
     pub graph: Option<FileRef>,
     /// Plates: `face_plates`, `sc_plates`, `bcc_plates`, `fcc_plates`, or a file as for graph.

@@ -104,7 +104,10 @@ fn parts(cell: &CellSection, key: &str, source: &Source) -> Checked {
     let own = |f: &Option<FileRef>| {
         f.as_ref().is_some_and(|f| {
             let extension = f.path.extension().and_then(|e| e.to_str()).unwrap_or("");
-            matches!(extension.to_ascii_lowercase().as_str(), "toml" | "json")
+            matches!(
+                extension.to_ascii_lowercase().as_str(),
+                "toml" | "json" | "3mf"
+            )
         })
     };
     let mixed = own(&cell.graph) || own(&cell.plates);

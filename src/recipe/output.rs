@@ -2,7 +2,7 @@
 
 use super::brief::{Brief, Short};
 use super::grid_word::GridWord;
-use super::quantity::{Fraction, Size, Unit};
+use super::quantity::{Fraction, Portion, Size, Unit};
 use crate::frame::LengthUnit;
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::de::value::SeqAccessDeserializer;
@@ -57,9 +57,9 @@ pub struct Output {
     pub project: bool,
     /// As project, and vertices near edges and corners go onto them, where lattice and envelope meet.
     pub sharp: bool,
-    /// Merge flat regions of the mesh: from nothing (0, when left out) to all that can be (1). Most such
+    /// Merge flat regions of the mesh: from nothing (0, as when left out) to all that can be (1). Most such
     /// meshes intersect themselves somewhere.
-    pub adaptivity: Option<Fraction>,
+    pub adaptivity: Option<Portion>,
     /// Merge triangles until this share is left: the mesh stays closed and oriented, but some of its triangles
     /// may meet others. In bricks each block of 128^3 voxels by itself; what blocks share keeps its triangles.
     pub decimate: Option<Brief<Decimate>>,

@@ -338,6 +338,10 @@ number!(
     Fraction, |v| v > 0.0 && v < 1.0, "a number between 0 and 1, both excluded",
     { "type": "number", "exclusiveMinimum": 0, "exclusiveMaximum": 1 });
 number!(
+    /// A number from 0 to 1, both included.
+    Portion, |v| (0.0..=1.0).contains(&v), "a number from 0 to 1",
+    { "type": "number", "minimum": 0, "maximum": 1 });
+number!(
     /// A band half width in voxels: at least 1.5, so that every crossing has its neighbours.
     HalfWidth, |v| (1.5..=64.0).contains(&v), "a number of voxels between 1.5 and 64",
     { "type": "number", "minimum": 1.5, "maximum": 64 });

@@ -3,6 +3,7 @@
 mod cells;
 mod hybrid;
 mod portable;
+mod words;
 
 use std::fs;
 use std::path::{Path, PathBuf};

@@ -1,6 +1,7 @@
 //! Laws of `io`: what is written reads back; errors say where; outputs appear whole or not at all.
 
 mod stream;
+mod threemf;
 
 use druse::frame::{LengthUnit, Vec3};
 use druse::io::atomic::{AtomicFile, StagedPath, write_bytes};

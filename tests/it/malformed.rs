@@ -13,17 +13,19 @@ use druse::mesh::TriMesh;
 use druse::polymesh::{LoadOptions, NoFiles, Script, ScriptError, Workshop};
 use druse::recipe::{Recipe, RecipeError, RecipeFault};
 use std::fs;
-use std::io::{Read, Write};
+use std::io::Write;
 use std::path::Path;
 use std::process::Command;
 use std::sync::mpsc;
 use std::time::Duration;
 
+mod archives;
 pub mod damage;
 mod decks;
 #[cfg(all(feature = "vdb", feature = "cli"))]
 mod level_sets;
 
+use archives::{archives, model_of, models, solid, threemf_model};
 use damage::{Dice, damage};
 
 /// A format: its name, the extension of its files, good files, and who reads them.
@@ -256,25 +258,6 @@ const GRAPH_JSON: &[u8] =
     br#"{"radius": 0.1, "nodes": [[0, 0, 0], [0.5, 0.5, 0.5], [0.5, 0.5, -0.5]],
     "edges": [[0, 1], [0, 2]], "faces": [[0, 1, 2]], "thickness": 0.05}"#;
 
-/// Damage done to the XML within a 3MF rather than to the archive, whose checksum would notice.
-fn threemf_model(path: &Path) -> Result<(), Refusal> {
-    let model = fs::read(path).unwrap();
-    let mut zip = zip::ZipWriter::new(fs::File::create(path).unwrap());
-    let options = zip::write::SimpleFileOptions::default();
-    zip.start_file("3D/3dmodel.model", options).unwrap();
-    zip.write_all(&model).unwrap();
-    zip.finish().unwrap();
-    mesh(path)
-}
-
-fn model_of(archive: Vec<u8>) -> Vec<u8> {
-    let mut zip = zip::ZipArchive::new(std::io::Cursor::new(archive)).unwrap();
-    let mut model = Vec::new();
-    let mut part = zip.by_name("3D/3dmodel.model").unwrap();
-    part.read_to_end(&mut model).unwrap();
-    model
-}
-
 /// Every format that is read: one row each.
 fn formats() -> Vec<Format> {
     let row = |name, extension, seeds, read| Format {
@@ -300,6 +283,8 @@ fn formats() -> Vec<Format> {
             vec![model_of(written("3mf"))],
             threemf_model,
         ),
+        row("3mf parts and beams", "3mf", archives(), solid),
+        row("3mf beam models", "3mf", models(), threemf_model),
         row(
             "msh text",
             "msh",

@@ -5,6 +5,7 @@ mod command;
 mod extrude;
 mod files;
 mod form;
+mod names;
 mod picture;
 mod remesh;
 mod script;

@@ -5,6 +5,7 @@ mod certificate;
 mod decks;
 mod far;
 mod fits;
+mod lattices;
 mod level_set_files;
 mod offsets;
 mod sheets;

@@ -167,6 +167,19 @@ impl Skeleton {
         &self.plates
     }
 
+    /// The same under a map that scales by `factor`.
+    #[must_use]
+    pub fn mapped(&self, map: impl Fn(Vec3) -> Vec3, factor: f64) -> Self {
+        let struts = self.struts.iter();
+        let plates = self.plates.iter();
+        Self {
+            struts: struts.map(|(e, r)| (e.map(&map), r * factor)).collect(),
+            plates: plates
+                .map(|(c, r)| (c.iter().map(|p| map(*p)).collect(), r * factor))
+                .collect(),
+        }
+    }
+
     /// Its box, radii included.
     pub fn bounds(&self) -> Aabb {
         let struts = self.struts.iter().map(|(e, r)| (&e[..], *r));

@@ -133,14 +133,11 @@ impl Reader<'_> {
                 })
             }
             verb => {
-                if !is_verb(verb) {
-                    let mut known: Vec<&str> = VERBS[1..].iter().map(|v| v.0).collect();
-                    known.extend(seed::solids());
-                    known.extend(["param", "repeat"]);
-                    let mut error = fault(place, format!("no step is called {verb:?}"));
-                    error.hint = nearest(verb, &known).map(|w| format!("did you mean {w:?}?"));
-                    return Err(error);
-                }
+                let verb = if is_verb(verb) {
+                    verb
+                } else {
+                    self.solid(verb).ok_or_else(|| unknown(place, verb))?
+                };
                 let mut words = Vec::new();
                 loop {
                     match self.peek() {
@@ -158,6 +155,29 @@ impl Reader<'_> {
                 }))
             }
         }
+    }
+
+    /// The solid whose name begins with a word that has been read; a name may have several.
+    fn solid(&mut self, first: &str) -> Option<&'static str> {
+        let mut name = first.to_owned();
+        let mut found = seed::canonical(&name).map(|n| (n, self.at));
+        let rest = &self.text[self.at..];
+        let line = rest.split(['\n', ';', '#', '{', '}']).next().unwrap_or("");
+        let mut at = self.at;
+        for word in line.split_inclusive(char::is_whitespace) {
+            at += word.len();
+            if word.trim().is_empty() {
+                continue;
+            }
+            name.push(' ');
+            name.push_str(word.trim());
+            if let Some(solid) = seed::canonical(&name) {
+                found = Some((solid, at - (word.len() - word.trim_end().len())));
+            }
+        }
+        let (solid, end) = found?;
+        self.at = end;
+        Some(solid)
     }
 
     /// The next word: up to a blank outside brackets and quotes.
@@ -226,6 +246,22 @@ impl Reader<'_> {
         }
         Ok(Word { text, line, column })
     }
+}
+
+/// What is said of a word that begins no step.
+fn unknown(place: (usize, usize), word: &str) -> ScriptError {
+    let mut known: Vec<&str> = VERBS[1..].iter().map(|v| v.0).collect();
+    known.extend(["param", "repeat"]);
+    let solid = seed::nearest_solid(word);
+    let meant = nearest(word, &known).or(solid);
+    let meant = meant.map(|w| format!("did you mean {w:?}?"));
+    let lower = word.to_ascii_lowercase();
+    let is_solid = solid.is_some() || lower.contains("hedron") || lower.contains("cube");
+    let list = is_solid.then(|| format!("the solids are {}", seed::solids().join(", ")));
+    let said: Vec<String> = meant.into_iter().chain(list).collect();
+    let mut error = fault(place, format!("no step is called {word:?}"));
+    error.hint = (!said.is_empty()).then(|| said.join(" "));
+    error
 }
 
 /// An expression at a place.

@@ -174,7 +174,7 @@ fn beams(
     if extension != "3mf" {
         return fault(format!("a .{extension} holds no beams; expected .3mf"));
     }
-    let of_triangles = output.project || output.sharp || output.adaptivity.is_some();
+    let of_triangles = output.project || output.sharp || output.merging() > 0.0;
     if of_triangles || output.decimate.is_some() || output.quads {
         return fault(
             "beams are no triangles; expected none of quads, project, sharp, adaptivity, decimate"
@@ -237,7 +237,7 @@ fn of_mesh(
         let message = "decimate makes triangles; expected it without quads";
         return fault("decimate", message.into());
     }
-    let quads = output.quads || output.sharp || output.adaptivity.is_some();
+    let quads = output.quads || output.sharp || output.merging() > 0.0;
     if output.mesher == Some(MesherWord::Druse) && quads {
         let message = "quads, sharp and adaptivity are OpenVDB's; expected mesher without them";
         return fault("mesher", message.into());
@@ -247,7 +247,7 @@ fn of_mesh(
         (_, true) => "project",
         _ => return Ok(()),
     };
-    if output.adaptivity.is_some() {
+    if output.merging() > 0.0 {
         let message =
             "merged faces cannot follow the exact field; expected none of project and sharp";
         return fault("adaptivity", message.into());

@@ -1,0 +1,175 @@
+//! The archive: its parts by name, and the models among them.
+
+use super::model::Model;
+use super::parser::Parser;
+use super::slicer::{self, Volume};
+use super::text;
+use crate::frame::LengthUnit;
+use crate::io::{Place, ReadError, quote};
+use quick_xml::Reader;
+use quick_xml::events::Event;
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::{BufRead, BufReader, Read};
+use std::path::{Path, PathBuf};
+use zip::ZipArchive;
+
+/// Most bytes of a list of relations.
+const RELATIONS: u64 = 1 << 20;
+
+/// An archive whose models are read one after the other.
+pub(super) struct Archive {
+    pub path: PathBuf,
+    zip: ZipArchive<BufReader<File>>,
+    /// Names of the parts.
+    names: Vec<String>,
+}
+
+impl Archive {
+    pub fn open(path: &Path) -> Result<Self, ReadError> {
+        let file = File::open(path).map_err(|e| ReadError::io(path, e))?;
+        let zip = ZipArchive::new(BufReader::new(file))
+            .map_err(|e| broken(path, &e, "a readable archive"))?;
+        let names = zip.file_names().flatten();
+        Ok(Self {
+            path: path.to_owned(),
+            names: names.map(std::borrow::Cow::into_owned).collect(),
+            zip,
+        })
+    }
+
+    /// The text of a part.
+    fn part(&mut self, name: &str) -> Result<Box<dyn BufRead + '_>, ReadError> {
+        let expected = format!("the part {}", super::short(name));
+        let part = self
+            .zip
+            .by_name(name)
+            .map_err(|e| broken(&self.path, &e, &expected))?;
+        text::decoded(part).map_err(|e| broken(&self.path, &e, &expected))
+    }
+
+    /// The archive's own spelling of a part's name: parts are found in any case, with or without the
+    /// first slash, percent signs decoded.
+    fn spelling(&self, name: &str) -> Option<String> {
+        let plain = name.trim().replace('\\', "/");
+        let plain = plain.trim_start_matches('/');
+        let decoded = percent_decoded(plain);
+        let same = |own: &&String| {
+            let own = own.trim_start_matches('/');
+            [plain, &decoded]
+                .iter()
+                .any(|n| own.eq_ignore_ascii_case(n))
+        };
+        let exact = self.names.iter().find(|own| *own == plain);
+        exact.or_else(|| self.names.iter().find(same)).cloned()
+    }
+
+    /// The name of the model that the archive begins with: what its relations say, else the usual place,
+    /// else the only model there is.
+    pub fn root(&mut self) -> String {
+        let usual = "3D/3dmodel.model";
+        let related = self.related().and_then(|name| self.spelling(&name));
+        let found = related.or_else(|| self.spelling(usual)).or_else(|| {
+            let extension = |n: &str| {
+                Path::new(n)
+                    .extension()
+                    .map(std::ffi::OsStr::to_ascii_lowercase)
+            };
+            let is_model = |n: &&String| extension(n).is_some_and(|e| e == "model");
+            let mut models = self.names.iter().filter(is_model);
+            let first = models.next()?;
+            models.next().is_none().then(|| first.clone())
+        });
+        found.unwrap_or_else(|| usual.to_owned())
+    }
+
+    /// What the relations of the package say the model is.
+    fn related(&mut self) -> Option<String> {
+        let name = self.spelling("_rels/.rels")?;
+        let mut list = String::new();
+        // Garbage just gives the usual name.
+        let _ = self
+            .part(&name)
+            .ok()?
+            .take(RELATIONS)
+            .read_to_string(&mut list);
+        let mut reader = Reader::from_str(&list);
+        while let Ok(event) = reader.read_event() {
+            match event {
+                Event::Empty(e) | Event::Start(e) if e.local_name().as_ref() == b"Relationship" => {
+                    let value = |name: &str| {
+                        let own = e.try_get_attribute(name).ok()??.unescape_value().ok()?;
+                        Some(own.into_owned())
+                    };
+                    let kind = value("Type").unwrap_or_default();
+                    if kind.ends_with("/3dmodel") {
+                        return value("Target");
+                    }
+                }
+                Event::Eof => break,
+                _ => {}
+            }
+        }
+        None
+    }
+
+    /// The spelling of a part that a model refers to.
+    pub fn referred(&self, name: &str) -> Result<String, ReadError> {
+        self.spelling(name).ok_or_else(|| {
+            let found = format!("a reference to the part {}", quote(name));
+            let expected = "a part of the archive";
+            ReadError::data(&self.path, Place::File, found, expected)
+        })
+    }
+
+    /// What a slicer's list says is no solid part of the objects of the first model.
+    pub fn volumes(&mut self) -> BTreeMap<u32, Vec<Volume>> {
+        let name = self.spelling(slicer::NAME);
+        let list = name.and_then(|name| self.part(&name).ok());
+        list.map_or_else(BTreeMap::new, slicer::volumes)
+    }
+
+    /// The unit at the head of a part's model.
+    pub fn unit(&mut self, name: &str) -> Result<LengthUnit, ReadError> {
+        let path = self.path.clone();
+        let part = self.part(name)?;
+        Parser::new(&path, name, part).unit()
+    }
+
+    /// Reads the model of a part.
+    pub fn model(&mut self, name: &str) -> Result<Model, ReadError> {
+        let path = self.path.clone();
+        let part = self.part(name)?;
+        Parser::new(&path, name, part).model()
+    }
+}
+
+fn broken(path: &Path, error: &dyn std::fmt::Display, expected: &str) -> ReadError {
+    let found = format!("a zip archive that fails ({error})");
+    ReadError::data(path, Place::File, found, expected)
+        .with_hint("the file is damaged or truncated")
+}
+
+/// A name with %20 and the like decoded.
+fn percent_decoded(name: &str) -> String {
+    let bytes = name.as_bytes();
+    let mut out = Vec::with_capacity(bytes.len());
+    let mut n = 0;
+    while n < bytes.len() {
+        let digits = bytes
+            .get(n + 1..n + 3)
+            .and_then(|d| std::str::from_utf8(d).ok());
+        let code = digits.and_then(|d| u8::from_str_radix(d, 16).ok());
+        match code.filter(|_| bytes[n] == b'%') {
+            Some(code) => {
+                out.push(code);
+                n += 3;
+            }
+            None => {
+                out.push(bytes[n]);
+                n += 1;
+            }
+        }
+    }
+    String::from_utf8_lossy(&out).into_owned()
+}

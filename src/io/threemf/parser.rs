@@ -1,0 +1,424 @@
+//! The XML of a model, event by event. Elements and attributes are told by their namespaces.
+
+use super::extensions::{self, Space};
+use super::model::{Model, Object, Reference};
+use super::{IDENTITY, Placement, short};
+use crate::frame::{LengthUnit, Vec3};
+use crate::io::{Place, ReadError, quote};
+use quick_xml::NsReader;
+use quick_xml::events::{BytesDecl, BytesStart, Event};
+use quick_xml::name::{QName, ResolveResult};
+use std::borrow::Cow;
+use std::io::BufRead;
+use std::path::Path;
+
+mod beams;
+
+/// Least volume that the rows of a transform span, the longest taken as 1: with less it flattens what it places.
+const FLAT: f64 = 1e-9;
+
+/// Reads one model.
+pub(super) struct Parser<'a, R: BufRead> {
+    path: &'a Path,
+    part: &'a str,
+    reader: NsReader<R>,
+    model: Model,
+    object: Option<(u32, Object)>,
+    /// Names of the elements that are open.
+    open: Vec<Vec<u8>>,
+    /// Elements that are open within one that is not read.
+    skipped: usize,
+    ended: bool,
+}
+
+/// The space of an element or attribute, and its namespace.
+fn space_of(result: &ResolveResult) -> Space {
+    match result {
+        ResolveResult::Bound(namespace) => extensions::space(Some(namespace.as_ref())),
+        ResolveResult::Unbound => extensions::space(None),
+        ResolveResult::Unknown(_) => Space::Other,
+    }
+}
+
+impl<'a, R: BufRead> Parser<'a, R> {
+    pub fn new(path: &'a Path, part: &'a str, input: R) -> Self {
+        Self {
+            path,
+            part,
+            reader: NsReader::from_reader(input),
+            model: Model::default(),
+            object: None,
+            open: Vec::new(),
+            skipped: 0,
+            ended: false,
+        }
+    }
+
+    fn bad(&self, found: impl Into<String>, expected: impl Into<String>) -> ReadError {
+        let place = Place::Byte(self.reader.buffer_position());
+        let hint = format!("the place is in the unzipped part {}", short(self.part));
+        ReadError::data(self.path, place, found, expected).with_hint(hint)
+    }
+
+    pub fn model(self) -> Result<Model, ReadError> {
+        self.read(false)
+    }
+
+    /// The unit at the model's head; nothing after it is read.
+    pub fn unit(self) -> Result<LengthUnit, ReadError> {
+        Ok(self.read(true)?.unit)
+    }
+
+    fn read(mut self, is_head: bool) -> Result<Model, ReadError> {
+        let mut buffer = Vec::new();
+        loop {
+            buffer.clear();
+            match self.reader.read_event_into(&mut buffer) {
+                Ok(Event::Decl(decl)) => self.declared(&decl)?,
+                Ok(Event::Start(e)) => {
+                    if self.skipped > 0 || !self.start(&e)? {
+                        self.skipped += 1;
+                    } else if is_head {
+                        return Ok(self.model);
+                    } else {
+                        self.open.push(e.local_name().as_ref().to_vec());
+                    }
+                }
+                Ok(Event::Empty(e)) => {
+                    if self.skipped == 0 && self.start(&e)? && e.local_name().as_ref() == b"object"
+                    {
+                        self.close_object()?;
+                    }
+                }
+                Ok(Event::End(_)) if self.skipped > 0 => self.skipped -= 1,
+                Ok(Event::End(_)) => {
+                    let name = self.open.pop().unwrap_or_default();
+                    self.ended |= self.open.is_empty();
+                    if name == b"object" {
+                        self.close_object()?;
+                    }
+                }
+                Ok(Event::Eof) => break,
+                Ok(_) => {}
+                Err(e) => {
+                    return Err(self.bad(
+                        format!("XML that fails ({})", short(&e.to_string())),
+                        "well-formed XML",
+                    ));
+                }
+            }
+        }
+        if !self.ended {
+            return Err(self.bad("the end of the model", "\"</model>\""));
+        }
+        Ok(self.model)
+    }
+
+    /// UTF-16 has become UTF-8 before.
+    fn declared(&self, decl: &BytesDecl) -> Result<(), ReadError> {
+        let Some(Ok(encoding)) = decl.encoding() else {
+            return Ok(());
+        };
+        let name = String::from_utf8_lossy(&encoding).to_ascii_lowercase();
+        if matches!(
+            name.as_str(),
+            "utf-8" | "utf8" | "utf-16" | "utf16" | "utf-16le" | "utf-16be" | "us-ascii" | "ascii"
+        ) {
+            return Ok(());
+        }
+        let found = format!(
+            "the encoding {}",
+            quote(&String::from_utf8_lossy(&encoding))
+        );
+        Err(self.bad(found, "UTF-8 or UTF-16"))
+    }
+
+    fn close_object(&mut self) -> Result<(), ReadError> {
+        let Some((id, object)) = self.object.take() else {
+            return Ok(());
+        };
+        if self.model.objects.insert(id, object).is_some() {
+            return Err(self.bad(format!("a second object {id}"), "one object of each id"));
+        }
+        Ok(())
+    }
+
+    /// The text of an attribute of the format itself.
+    fn attribute<'e>(
+        &self,
+        e: &'e BytesStart,
+        name: &str,
+    ) -> Result<Option<Cow<'e, str>>, ReadError> {
+        self.attribute_where(e, |key| key.as_ref() == name.as_bytes())
+    }
+
+    /// The text of an attribute of an extension.
+    fn attribute_in<'e>(
+        &self,
+        e: &'e BytesStart,
+        space: Space,
+        name: &str,
+    ) -> Result<Option<Cow<'e, str>>, ReadError> {
+        self.attribute_where(e, |key| {
+            let (result, local) = self.reader.resolve_attribute(key);
+            let is_bound = matches!(result, ResolveResult::Bound(_));
+            is_bound && local.as_ref() == name.as_bytes() && space_of(&result) == space
+        })
+    }
+
+    fn attribute_where<'e>(
+        &self,
+        e: &'e BytesStart,
+        is_meant: impl Fn(QName) -> bool,
+    ) -> Result<Option<Cow<'e, str>>, ReadError> {
+        for attribute in e.attributes() {
+            let attribute = attribute.map_err(|e| {
+                self.bad(
+                    format!("attributes that fail ({})", short(&e.to_string())),
+                    "well-formed XML",
+                )
+            })?;
+            if is_meant(attribute.key) {
+                let value = attribute.unescape_value();
+                return value.map(Some).map_err(|e| {
+                    self.bad(
+                        format!("an attribute that fails ({})", short(&e.to_string())),
+                        "well-formed XML",
+                    )
+                });
+            }
+        }
+        Ok(None)
+    }
+
+    fn number<T: std::str::FromStr>(&self, e: &BytesStart, name: &str) -> Result<T, ReadError> {
+        let found = self.optional(e, name)?;
+        found.ok_or_else(|| {
+            let element = String::from_utf8_lossy(e.name().as_ref()).into_owned();
+            let expected = format!("the attribute {name} with a number");
+            self.bad(format!("<{}> without {name}", short(&element)), expected)
+        })
+    }
+
+    fn optional<T: std::str::FromStr>(
+        &self,
+        e: &BytesStart,
+        name: &str,
+    ) -> Result<Option<T>, ReadError> {
+        let Some(text) = self.attribute(e, name)? else {
+            return Ok(None);
+        };
+        let number = text.trim().parse();
+        number.map(Some).map_err(|_| {
+            let expected = format!("the attribute {name} with a number");
+            self.bad(format!("{name}={}", quote(&text)), expected)
+        })
+    }
+
+    /// A length, if it is there.
+    fn length(&self, e: &BytesStart, name: &str) -> Result<Option<f64>, ReadError> {
+        let found: Option<f64> = self.optional(e, name)?;
+        if let Some(value) = found.filter(|v| !(v.is_finite() && *v >= 0.0)) {
+            return Err(self.bad(
+                format!("{name}=\"{value}\""),
+                "a finite number of at least 0",
+            ));
+        }
+        Ok(found)
+    }
+
+    /// One of some words, if the attribute is there.
+    fn word<T: Copy>(
+        &self,
+        e: &BytesStart,
+        name: &str,
+        known: &[(&str, T)],
+    ) -> Result<Option<T>, ReadError> {
+        let Some(text) = self.attribute(e, name)? else {
+            return Ok(None);
+        };
+        let found = known.iter().find(|k| k.0 == text.trim());
+        found.map(|k| Some(k.1)).ok_or_else(|| {
+            let words: Vec<&str> = known.iter().map(|k| k.0).collect();
+            self.bad(format!("{name}={}", quote(&text)), words.join(", "))
+        })
+    }
+
+    fn placement(&self, e: &BytesStart) -> Result<Placement, ReadError> {
+        let Some(text) = self.attribute(e, "transform")? else {
+            return Ok(IDENTITY);
+        };
+        let n: Result<Vec<f64>, _> = text.split_ascii_whitespace().map(str::parse).collect();
+        let n = n.unwrap_or_default();
+        let [a, b, c, d, e, f, g, h, i, x, y, z] = n[..] else {
+            let found = format!("transform={}", quote(&text));
+            return Err(self.bad(found, "twelve finite numbers"));
+        };
+        if !n.iter().all(|x| x.is_finite()) {
+            let found = format!("transform={}", quote(&text));
+            return Err(self.bad(found, "twelve finite numbers"));
+        }
+        let rows = [Vec3::new(a, b, c), Vec3::new(d, e, f), Vec3::new(g, h, i)];
+        let longest = rows.iter().map(Vec3::norm).fold(0.0, f64::max);
+        let unit = rows.map(|r| r / longest);
+        let volume = unit[0].dot(&unit[1].cross(&unit[2])).abs();
+        if !(longest > 0.0 && volume > FLAT) {
+            let found = format!("transform={}, which is singular", quote(&text));
+            return Err(self.bad(found, "a transform that keeps a volume"));
+        }
+        Ok([rows[0], rows[1], rows[2], Vec3::new(x, y, z)])
+    }
+
+    fn reference(&self, e: &BytesStart) -> Result<Reference, ReadError> {
+        let part = self.attribute_in(e, Space::Production, "path")?;
+        let printable = self.attribute_where(e, |key| key.local_name().as_ref() == b"printable")?;
+        let printable = printable.map(|p| p.trim().to_ascii_lowercase());
+        Ok(Reference {
+            object: self.number(e, "objectid")?,
+            part: part.map(Cow::into_owned),
+            at: self.placement(e)?,
+            is_printable: !matches!(printable.as_deref(), Some("0" | "false")),
+        })
+    }
+
+    fn parent(&self) -> &[u8] {
+        self.open.last().map_or(b"", Vec::as_slice)
+    }
+
+    /// The object that is open.
+    fn object(&mut self, e: &BytesStart) -> Result<&mut Object, ReadError> {
+        if self.object.is_none() {
+            let element = String::from_utf8_lossy(e.name().as_ref()).into_owned();
+            return Err(self.bad(
+                format!("<{}> outside an object", short(&element)),
+                "an object around it",
+            ));
+        }
+        let (_, object) = self.object.get_or_insert_default();
+        Ok(object)
+    }
+
+    /// Takes an element in; whether what is in it is read.
+    fn start(&mut self, e: &BytesStart) -> Result<bool, ReadError> {
+        let (result, local) = self.reader.resolve_element(e.name());
+        let space = space_of(&result);
+        let namespace = match (space, &result) {
+            // Most elements; their namespace is known.
+            (Space::Core | Space::Beams, _) => String::new(),
+            (_, ResolveResult::Bound(n)) => String::from_utf8_lossy(n.as_ref()).into_owned(),
+            _ => String::new(),
+        };
+        let local = local.as_ref();
+        if self.open.is_empty() && self.model.objects.is_empty() && !self.ended {
+            if space != Space::Core || local != b"model" {
+                let name = String::from_utf8_lossy(local).into_owned();
+                let found = format!("the element {} of {}", quote(&name), quote(&namespace));
+                return Err(self.bad(found, "<model> of 3MF"));
+            }
+            self.start_model(e)?;
+            return Ok(true);
+        }
+        match space {
+            Space::Core => self.start_core(e, local),
+            Space::Beams => self.start_beams(e, local),
+            _ => {
+                if self.parent() == b"object" && space != Space::Alternatives {
+                    let words = format!(
+                        "<{}> of {}",
+                        short(&String::from_utf8_lossy(local)),
+                        extensions::named(&namespace)
+                    );
+                    self.object(e)?.foreign.get_or_insert(words);
+                }
+                Ok(false)
+            }
+        }
+    }
+
+    fn start_model(&mut self, e: &BytesStart) -> Result<(), ReadError> {
+        if let Some(unit) = self.attribute(e, "unit")? {
+            self.model.states_unit = true;
+            self.model.unit = unit.trim().parse().map_err(|_| {
+                self.bad(
+                    format!("unit={}", quote(&unit)),
+                    "micron, millimeter, centimeter, inch, foot or meter",
+                )
+            })?;
+        }
+        let required = self.attribute(e, "requiredextensions")?.unwrap_or_default();
+        for prefix in required.split_whitespace() {
+            // An element of this prefix would be in the namespace.
+            let name = format!("{prefix}:x");
+            let (result, _) = self.reader.resolve_element(QName(name.as_bytes()));
+            let ResolveResult::Bound(namespace) = result else {
+                let found = format!(
+                    "the required extension {} without a namespace",
+                    quote(prefix)
+                );
+                return Err(self.bad(found, format!("xmlns:{} in <model>", short(prefix))));
+            };
+            let namespace = String::from_utf8_lossy(namespace.as_ref()).into_owned();
+            if let Some(extension) = extensions::refusal(&namespace) {
+                let found = format!("a model that requires {extension}");
+                return Err(self.bad(found, extensions::READ).with_hint(
+                    "export the part as a plain 3MF of triangles, without this extension",
+                ));
+            }
+        }
+        Ok(())
+    }
+
+    fn start_core(&mut self, e: &BytesStart, local: &[u8]) -> Result<bool, ReadError> {
+        match local {
+            b"object" => {
+                self.close_object()?;
+                let kind = self.attribute(e, "type")?;
+                let kind = kind.map(|k| k.trim().to_owned()).filter(|k| k != "model");
+                let resolution = self.attribute_in(e, Space::Slices, "meshresolution")?;
+                let coarse = resolution.filter(|r| r.trim() == "lowres");
+                let coarse = coarse.map(|_| "is coarse, and its slices are not read".to_owned());
+                let resolution = self.attribute_in(e, Space::Alternatives, "modelresolution")?;
+                let other = resolution.filter(|r| r.trim() != "fullres");
+                let other = other.map(|r| format!("is one of modelresolution={}", quote(&r)));
+                let object = Object {
+                    kind,
+                    has_slices: self
+                        .attribute_in(e, Space::Slices, "slicestackid")?
+                        .is_some(),
+                    stands_in: coarse.or(other),
+                    ..Object::default()
+                };
+                self.object = Some((self.number(e, "id")?, object));
+            }
+            b"vertex" => {
+                let p = Vec3::new(
+                    self.number(e, "x")?,
+                    self.number(e, "y")?,
+                    self.number(e, "z")?,
+                );
+                if !p.iter().all(|c| c.is_finite()) {
+                    return Err(self.bad("a vertex with an infinite coordinate", "finite numbers"));
+                }
+                self.object(e)?.vertices.push(p);
+            }
+            b"triangle" => {
+                let t = [
+                    self.number(e, "v1")?,
+                    self.number(e, "v2")?,
+                    self.number(e, "v3")?,
+                ];
+                self.object(e)?.triangles.push(t);
+            }
+            b"component" => {
+                let component = self.reference(e)?;
+                self.object(e)?.components.push(component);
+            }
+            b"item" => {
+                let item = self.reference(e)?;
+                self.model.items.push(item);
+            }
+            _ => {}
+        }
+        Ok(true)
+    }
+}
