@@ -23,6 +23,7 @@ mod check;
 mod completions;
 mod crystal;
 mod eval;
+mod excerpt;
 mod failure;
 mod filter;
 mod fit;

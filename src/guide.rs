@@ -16,6 +16,8 @@ pub mod large_parts {}
 pub mod crystals {}
 #[doc = include_str!("guide/files.md")]
 pub mod files {}
+#[doc = include_str!("guide/formats.md")]
+pub mod formats {}
 #[doc = include_str!("guide/accuracy.md")]
 pub mod accuracy {}
 #[doc = include_str!("guide/performance.md")]

@@ -21,7 +21,6 @@ mod collector;
 mod crystal;
 mod dlfl;
 mod error;
-mod facets;
 mod graph;
 mod inp;
 mod medit;
@@ -32,30 +31,37 @@ mod msh;
 mod mtl;
 mod nastran;
 mod npy;
+mod number;
 mod obj;
 mod obj_groups;
+mod off;
+mod outer;
 mod ply;
 mod polygon;
 mod polymesh;
 mod scaffold;
+mod soup;
 mod source;
 mod stl;
 mod table;
 mod threemf;
 mod tokens;
+mod unpack;
 mod unv;
 mod vtk;
 
 pub use beams::{
     Beam, BeamCap, BeamClip, BeamLattice, BeamPart, FileBeam, SolidFile, is_strut_file, read_solid,
-    stated_unit, write_beams,
+    write_beams,
 };
 pub use cell::{read_cell, write_cell};
 pub use cloud::{PointFile, TEXT_CLOUDS, read_points};
 pub use crystal::{DiskFiles, carry_out, read_crystal, read_script, script_fault};
 pub use error::{ErrorClass, Place, ReadError, WriteError};
 pub use graph::{read_skeleton, read_skeleton_noted};
-pub use mesh_file::{MeshFile, MeshFormat, is_point_cloud, read_mesh, sniff, write_mesh};
+pub use mesh_file::{
+    MeshFile, MeshFormat, is_point_cloud, read_mesh, sniff, stated_unit, write_mesh,
+};
 pub use mesh_stream::{MeshPart, MeshStream};
 pub use mesh_view::{Faces, MeshView, VertexAttribute};
 pub use npy::{NpyArray, read_npy};

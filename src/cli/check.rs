@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 
 #[derive(Args)]
 pub(super) struct Parameters {
-    /// A mesh (.stl, .obj, .ply, .3mf) or an OpenVDB file.
+    /// A mesh (.stl .obj .ply .off .3mf .vtp, surfaces and solids of .vtu .vtk .msh .inp) or an OpenVDB file.
     file: PathBuf,
     /// Worker threads [default: one per core].
     #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true)]
@@ -25,7 +25,8 @@ pub(super) struct Parameters {
 
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     let threads = super::session::threads(p.threads)?;
-    match FileKind::of(&p.file, &[FileKind::Mesh, FileKind::Vdb])? {
+    let kinds = [FileKind::Mesh, FileKind::Scaffold, FileKind::Vdb];
+    match FileKind::of(&p.file, &kinds)? {
         FileKind::Vdb => level_sets(p, &threads, session),
         _ => threads.install(|| mesh(p, session)),
     }

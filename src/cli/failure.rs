@@ -1,6 +1,6 @@
 //! Errors as the user sees them: one block on stderr, or one object with `--json`.
 
-use super::Session;
+use super::{Session, excerpt};
 use crate::io::{ErrorClass, ReadError, WriteError};
 use crate::pipeline::RunError;
 use crate::polymesh::ScriptError;
@@ -143,7 +143,11 @@ impl Failure {
             let _ = writeln!(block, "  {} {file}{place}", paint("1;34", "-->"));
         }
         if let Some(excerpt) = &self.excerpt {
-            let _ = writeln!(block, "   {} {excerpt}", paint("1;34", "|"));
+            let (shown, marker) = excerpt::cut(excerpt, self.column);
+            let _ = writeln!(block, "   {} {shown}", paint("1;34", "|"));
+            if let Some(marker) = marker {
+                let _ = writeln!(block, "   {} {marker}", paint("1;34", "|"));
+            }
         }
         if let Some(element) = self.element {
             let _ = writeln!(block, "  {} element {element}", paint("1;34", "-->"));
@@ -214,9 +218,9 @@ impl From<RecipeError> for Failure {
         };
         let mut failure = Self {
             code,
-            message: e.to_string(),
+            message: excerpt::short(&e.to_string()),
             file: e.file.as_ref().map(|f| f.display().to_string()),
-            hint: e.hint.map(Into::into),
+            hint: e.hint.map(|h| excerpt::short(&h)),
             ..Self::default()
         };
         match e.place {

@@ -26,7 +26,14 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
             (super::cell::describe(&cell), super::cell::facts(&cell))
         }
         Mesh => mesh(path, session)?,
-        Scaffold => super::scaffold::describe(path)?,
+        Scaffold => {
+            let described = super::scaffold::describe(path)?;
+            if described.1["kind"] == "surface" {
+                surface(path, described, session)?
+            } else {
+                described
+            }
+        }
         Vdb => {
             let info = super::vdb::inspect(path)?;
             (vdb_screen(path, &info), vdb_facts(path, &info))
@@ -84,6 +91,22 @@ fn mesh(path: &Path, session: &Session) -> Result<(String, Value), Failure> {
     let (mut text, facts, _) = super::check::solid_screen(path, &solid, &report);
     for warning in &solid.file.warnings {
         let _ = writeln!(text, "note: {warning}");
+    }
+    Ok((text, facts))
+}
+
+/// What a surface is as a mesh, beside what it is as elements.
+fn surface(
+    path: &Path,
+    (mut text, mut facts): (String, Value),
+    session: &Session,
+) -> Result<(String, Value), Failure> {
+    let (more, measured) = mesh(path, session)?;
+    text.push_str(more.split_once('\n').map_or("", |(_, report)| report));
+    if let (Some(facts), Value::Object(measured)) = (facts.as_object_mut(), measured) {
+        for (key, value) in measured {
+            facts.entry(key).or_insert(value);
+        }
     }
     Ok((text, facts))
 }

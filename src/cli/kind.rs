@@ -20,13 +20,15 @@ pub(super) enum FileKind {
 }
 
 /// Extensions and what they mean.
-const TABLE: [(&str, FileKind); 19] = [
+const TABLE: [(&str, FileKind); 20] = [
     ("toml", FileKind::Recipe),
     ("cell", FileKind::Cell),
     ("stl", FileKind::Mesh),
     ("obj", FileKind::Mesh),
     ("ply", FileKind::Mesh),
     ("3mf", FileKind::Mesh),
+    ("off", FileKind::Mesh),
+    ("vtp", FileKind::Mesh),
     ("dlfl", FileKind::Mesh),
     ("crystal", FileKind::Mesh),
     ("msh", FileKind::Scaffold),
@@ -38,7 +40,6 @@ const TABLE: [(&str, FileKind); 19] = [
     ("mesh", FileKind::Scaffold),
     ("meshb", FileKind::Scaffold),
     ("unv", FileKind::Scaffold),
-    ("off", FileKind::Scaffold),
     ("vdb", FileKind::Vdb),
 ];
 

@@ -5,7 +5,7 @@ use super::{Answer, Failure, Session};
 use crate::cell::Cell;
 use crate::frame::Transform;
 use crate::io::atomic::write_bytes;
-use crate::io::{read_cell, read_scaffold, read_solid};
+use crate::io::{ElementFile, read_cell, read_elements, read_mesh, read_solid};
 use crate::mesh::TriMesh;
 use crate::pipeline;
 use crate::recipe::{Cut, PictureSize};
@@ -86,7 +86,7 @@ fn picture(
 ) -> Result<(Image, Option<[f32; 2]>), Failure> {
     let solid = match super::fit::surface(path, None)? {
         Some(cell) => cell_picture(path, &cell, tools)?,
-        None => solid_of(path, tools)?,
+        None => solid_of(path, session, tools)?,
     };
     if let Some(cut) = p.cut {
         let bounds = solid.bounds()?;
@@ -115,13 +115,16 @@ fn picture(
 }
 
 /// What a file shows, as a level set.
-fn solid_of(path: &Path, tools: vdb::Session) -> Result<LevelSet, Failure> {
+fn solid_of(path: &Path, session: &Session, tools: vdb::Session) -> Result<LevelSet, Failure> {
     use FileKind::{Mesh, Scaffold, Vdb};
     Ok(
         match FileKind::of(path, &[Vdb, Mesh, FileKind::Cell, Scaffold])? {
             Vdb => super::vdb::level_set(path, None, tools)?,
             Mesh => {
                 let solid = read_solid(path)?;
+                for warning in &solid.file.warnings {
+                    session.note(&format!("{}: {warning}", path.display()));
+                }
                 if solid.beams.is_empty() {
                     voxelized(path, &solid.file.mesh, tools)?
                 } else {
@@ -130,7 +133,10 @@ fn solid_of(path: &Path, tools: vdb::Session) -> Result<LevelSet, Failure> {
                 }
             }
             Scaffold => {
-                let scaffold = read_scaffold(path)?.scaffold;
+                let ElementFile::Solids(file) = read_elements(path)? else {
+                    return voxelized(path, &mesh(path, session)?, tools);
+                };
+                let scaffold = file.scaffold;
                 let (_, stretch) = scaffold.stretch();
                 let mut shell = TriMesh::default();
                 for component in 0..scaffold.components().len() {
@@ -144,6 +150,15 @@ fn solid_of(path: &Path, tools: vdb::Session) -> Result<LevelSet, Failure> {
             _ => cell_picture(path, &read_cell(path)?, tools)?,
         },
     )
+}
+
+/// A mesh; what was odd about its file is told.
+fn mesh(path: &Path, session: &Session) -> Result<TriMesh, Failure> {
+    let file = read_mesh(path)?;
+    for warning in file.warnings {
+        session.note(&format!("{}: {warning}", path.display()));
+    }
+    Ok(file.mesh)
 }
 
 fn voxelized(path: &Path, mesh: &TriMesh, tools: vdb::Session) -> Result<LevelSet, Failure> {

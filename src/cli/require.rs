@@ -69,7 +69,9 @@ impl Parameters {
         }
         if !solid.beams.is_empty() {
             let found = "found a beam lattice; expected a mesh alone, or a level set";
-            return Err(Failure::data(path, found).hint("druse voxelize FILE -o PART.vdb makes one"));
+            return Err(
+                Failure::data(path, found).hint("druse voxelize FILE -o PART.vdb makes one")
+            );
         }
         if !report.is_solid() {
             return Err(Failure::data(

@@ -9,7 +9,7 @@ use toml::Value;
 
 #[derive(Args)]
 pub(super) struct Parameters {
-    /// The mesh (.stl, .obj, .ply, .3mf).
+    /// The mesh (.stl .obj .ply .off .3mf .vtp, surfaces and solids of .vtu .vtk .msh .inp).
     mesh: PathBuf,
     /// The OpenVDB file to write.
     #[arg(short, long, value_name = "X.vdb")]
@@ -34,7 +34,6 @@ pub(super) struct Parameters {
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     let own = match p.unit {
         Some(unit) => Some(unit),
-        // Only 3MF says its unit; the whole file is read below.
         None => crate::io::stated_unit(&p.mesh)?,
     };
     let unit = own.unwrap_or(LengthUnit::Millimetre);

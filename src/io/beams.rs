@@ -179,18 +179,6 @@ pub fn read_solid(path: impl AsRef<Path>) -> Result<SolidFile, ReadError> {
     })
 }
 
-/// The unit that a file of this format states at its head, if the format has one.
-///
-/// # Errors
-/// [`ReadError`] for a 3MF that is missing or damaged.
-pub fn stated_unit(path: impl AsRef<Path>) -> Result<Option<LengthUnit>, ReadError> {
-    let path = path.as_ref();
-    if is_3mf(path) {
-        return threemf::unit(path).map(Some);
-    }
-    Ok(None)
-}
-
 /// Whether a path is a 3MF that holds beams and no triangles.
 ///
 /// # Errors

@@ -35,7 +35,7 @@ pub fn read_cell(path: impl AsRef<Path>) -> Result<Cell, ReadError> {
             "JSON text",
         )
     })?;
-    Cell::from_json(&text).map_err(|e| {
+    Cell::from_json(text.trim_start_matches('\u{feff}')).map_err(|e| {
         let place = e.line.map_or(Place::File, |n| Place::Line(n as u64));
         ReadError::data(
             path,

@@ -65,6 +65,16 @@ impl<'a> Collector<'a> {
         self.points.len()
     }
 
+    /// The points so far, in the order of the file.
+    pub fn points(&self) -> &[Vec3] {
+        &self.points
+    }
+
+    /// The points and fields, of a file that has no elements.
+    pub fn into_points(self) -> (Vec<Vec3>, Vec<DataField>) {
+        (self.points, self.fields)
+    }
+
     /// Adds elements (by their places in the file's list) to the group of this name.
     pub fn named_group(&mut self, name: &str, places: &[u32]) {
         let next = FIRST_NAMED + self.names.len() as i64;

@@ -1,10 +1,14 @@
-//! Triangle meshes by extension: one door to STL, PLY, OBJ and 3MF, and to polygon meshes and scripts.
+//! Meshes by extension: one door to every file that holds a surface, as polygons or as triangles.
 
 use super::atomic::AtomicFile;
-use super::{Faces, MeshView, Place, ReadError, Source, WriteError, obj, ply, stl, threemf};
+use super::scaffold::{ELEMENT_FORMATS, read_elements};
+use super::soup::Soup;
+use super::{
+    Faces, MeshView, Place, ReadError, Source, WriteError, obj, off, outer, ply, stl, threemf, vtk,
+};
 use crate::frame::LengthUnit;
 use crate::mesh::TriMesh;
-use crate::polymesh::LoadOptions;
+use crate::polymesh::{LoadOptions, PolyMesh};
 use std::path::Path;
 
 /// A mesh as a file gave it.
@@ -70,7 +74,9 @@ fn known() -> String {
 
 /// What a file's first bytes say it is, with the extension it should have; `None` if they do not say.
 pub fn sniff(head: &[u8]) -> Option<(&'static str, &'static str)> {
-    let text = &head[..head.len().min(512)];
+    let head = &head[..head.len().min(512)];
+    let text = head.strip_prefix(b"\xef\xbb\xbf").unwrap_or(head);
+    let text = text.trim_ascii_start();
     let starts =
         |s: &str| text.len() >= s.len() && text[..s.len()].eq_ignore_ascii_case(s.as_bytes());
     let has = |s: &str| text.windows(s.len()).any(|w| w == s.as_bytes());
@@ -83,10 +89,11 @@ pub fn sniff(head: &[u8]) -> Option<(&'static str, &'static str)> {
     } else if starts("# vtk DataFile") {
         Some(("a legacy VTK file", "vtk"))
     } else if has("<VTKFile") {
-        Some(("a VTK XML file", "vtu"))
+        let polygons = has("PolyData");
+        Some(("a VTK XML file", if polygons { "vtp" } else { "vtu" }))
     } else if starts("solid") && (has("facet") || has("endsolid")) {
         Some(("a text STL file", "stl"))
-    } else if text.len() > 7 && &text[..4] == b" BDV" {
+    } else if head.starts_with(b" BDV") {
         Some(("an OpenVDB file", "vdb"))
     } else if starts("ISO-10303-21") {
         Some(("a STEP file", "step"))
@@ -111,44 +118,22 @@ pub fn is_point_cloud(path: impl AsRef<Path>) -> Result<bool, ReadError> {
 
 /// Reads a mesh; the format follows from the extension, and a content that contradicts it is named.
 ///
-/// A `.dlfl` file and a `.crystal` script give the triangles of their polygons.
+/// Polygons become triangles: those of mesh files, of `.dlfl` files and `.crystal` scripts, and the planar
+/// elements of files of elements. Of solid elements the outer faces are taken, with a warning.
 ///
 /// # Errors
 /// [`ReadError`] for a missing file, an unknown extension, or content that is not such a mesh.
 pub fn read_mesh(path: impl AsRef<Path>) -> Result<MeshFile, ReadError> {
     let path = path.as_ref();
-    if let Some(file) = polygons(path)? {
-        return Ok(file);
-    }
-    let mut source = Source::open(path)?;
-    let format = MeshFormat::of(path);
-    let found = sniff(source.peek(512)?);
-    let Some(format) = format else {
-        let error = ReadError::data(
-            path,
-            Place::File,
-            extension_of(path),
-            format!("one of {}", known()),
-        );
-        return Err(match found {
-            Some((what, extension)) => {
-                error.with_hint(format!("its content is {what}: name it *.{extension}"))
-            }
-            None => error,
-        });
+    let file = match extension(path).as_str() {
+        "stl" => stl::read(opened(path)?)?,
+        "3mf" => {
+            opened(path)?;
+            threemf::read(path)?
+        }
+        "dlfl" | "crystal" => polygons(path)?,
+        _ => read_soup(path)?.mesh(path)?,
     };
-    let extension = MeshFormat::ALL[format as usize].1;
-    if let Some((what, should)) = found.filter(|f| f.1 != extension) {
-        let expected = format!("the content of a .{extension} file");
-        let error = ReadError::data(path, Place::File, what, expected);
-        return Err(error.with_hint(format!("if the content is right, name the file *.{should}")));
-    }
-    let file = match format {
-        MeshFormat::Stl => stl::read(source),
-        MeshFormat::Ply => ply::read(source),
-        MeshFormat::Obj => obj::read(source),
-        MeshFormat::ThreeMf => threemf::read(path),
-    }?;
     if file.mesh.is_empty() {
         return Err(ReadError::data(
             path,
@@ -160,28 +145,110 @@ pub fn read_mesh(path: impl AsRef<Path>) -> Result<MeshFile, ReadError> {
     Ok(file)
 }
 
-/// The triangles of a polygon mesh: of a script that makes one, or of a `.dlfl` file.
-fn polygons(path: &Path) -> Result<Option<MeshFile>, ReadError> {
-    let extension = path.extension().map(std::ffi::OsStr::to_ascii_lowercase);
-    let (mesh, warnings) = match extension.as_deref().and_then(|e| e.to_str()) {
-        Some("crystal") => {
-            let (mesh, notes) = super::read_crystal(path)?;
-            let notes = notes.iter().map(|n| format!("line {}: {}", n.line, n.text));
-            (mesh, notes.collect())
-        }
-        Some("dlfl") => {
-            let loaded = super::read_polymesh(path, &LoadOptions::default())?;
-            (loaded.mesh, loaded.warnings)
-        }
-        _ => return Ok(None),
+/// The unit that the head of a mesh states, if it states one.
+///
+/// # Errors
+/// [`ReadError`] for a missing file, or a 3MF that is none.
+pub fn stated_unit(path: impl AsRef<Path>) -> Result<Option<LengthUnit>, ReadError> {
+    let path = path.as_ref();
+    let head = match MeshFormat::of(path) {
+        Some(MeshFormat::ThreeMf) => return threemf::unit(path).map(Some),
+        Some(MeshFormat::Stl) => 80,
+        Some(_) => 4096,
+        None => return Ok(None),
     };
+    let mut source = Source::open(path)?;
+    let bytes = source.peek(head)?;
+    let text = String::from_utf8_lossy(&bytes[..bytes.len().min(head)]);
+    let stated = text
+        .split_ascii_whitespace()
+        .find_map(|w| w.strip_prefix("unit="));
+    Ok(stated.and_then(|u| u.parse().ok()))
+}
+
+/// Reads any mesh as polygons.
+pub(super) fn read_soup(path: &Path) -> Result<Soup, ReadError> {
+    match extension(path).as_str() {
+        "stl" => stl::read(opened(path)?).map(Soup::of_triangles),
+        "ply" => ply::read(opened(path)?),
+        "obj" => obj::read(opened(path)?),
+        "off" => off::read(opened(path)?),
+        "3mf" => {
+            opened(path)?;
+            threemf::read(path).map(Soup::of_triangles)
+        }
+        "vtu" | "vtp" => vtk::read_xml(path)?.soup(path),
+        "vtk" => vtk::read_legacy(path)?.soup(path),
+        "dlfl" | "crystal" => {
+            let (mesh, warnings) = polymesh(path)?;
+            Ok(Soup::of_polymesh(&mesh, warnings))
+        }
+        other if ELEMENT_FORMATS.contains(&other) => outer::soup(path, &read_elements(path)?),
+        _ => {
+            let found = sniff(Source::open(path)?.peek(512)?);
+            let known = format!("one of {}", readable().join(", "));
+            let error = ReadError::data(path, Place::File, extension_of(path), known);
+            Err(match found {
+                Some((what, extension)) => {
+                    error.with_hint(format!("its content is {what}: name it *.{extension}"))
+                }
+                None => error,
+            })
+        }
+    }
+}
+
+/// The extensions of all files that [`read_mesh`] reads, each with its point.
+fn readable() -> Vec<String> {
+    let own = MeshFormat::ALL.iter().map(|f| f.1);
+    let mut all: Vec<&str> = own.chain(["off", "vtp", "dlfl", "crystal"]).collect();
+    for other in ELEMENT_FORMATS {
+        if !all.contains(&other) {
+            all.push(other);
+        }
+    }
+    all.iter().map(|e| format!(".{e}")).collect()
+}
+
+fn extension(path: &Path) -> String {
+    let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase());
+    extension.unwrap_or_default()
+}
+
+/// A file whose content does not contradict its extension.
+fn opened(path: &Path) -> Result<Source, ReadError> {
+    let mut source = Source::open(path)?;
+    let extension = extension(path);
+    let found = sniff(source.peek(512)?);
+    if let Some((what, should)) = found.filter(|f| f.1 != extension) {
+        let expected = format!("the content of a .{extension} file");
+        let error = ReadError::data(path, Place::File, what, expected);
+        return Err(error.with_hint(format!("if the content is right, name the file *.{should}")));
+    }
+    Ok(source)
+}
+
+/// The polygon mesh that a script makes, or of a `.dlfl` file.
+fn polymesh(path: &Path) -> Result<(PolyMesh, Vec<String>), ReadError> {
+    if extension(path) == "crystal" {
+        let (mesh, notes) = super::read_crystal(path)?;
+        let notes = notes.iter().map(|n| format!("line {}: {}", n.line, n.text));
+        return Ok((mesh, notes.collect()));
+    }
+    let loaded = super::read_polymesh(path, &LoadOptions::default())?;
+    Ok((loaded.mesh, loaded.warnings))
+}
+
+/// The triangles of a polygon mesh.
+fn polygons(path: &Path) -> Result<MeshFile, ReadError> {
+    let (mesh, warnings) = polymesh(path)?;
     let cut = mesh.triangulated();
     let cut = cut.map_err(|e| ReadError::data(path, Place::File, e.to_string(), "a mesh"))?;
-    Ok(Some(MeshFile {
+    Ok(MeshFile {
         mesh: cut.mesh,
         unit: None,
         warnings,
-    }))
+    })
 }
 
 /// Writes a mesh whose coordinates are in `unit`, atomically; gives the file's size in bytes.

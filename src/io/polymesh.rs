@@ -1,9 +1,12 @@
-//! Polygon meshes from files and to them, by extension: OBJ and DLFL keep polygons, groups and start
-//! vertices; STL, PLY and 3MF hold triangles.
+//! Polygon meshes from files and to them, by extension: OBJ and DLFL keep groups and start vertices too, of
+//! others the polygons are one group.
 
 use super::atomic::write_bytes;
-use super::{Place, ReadError, WriteError, dlfl, mtl, obj_groups, read_mesh, write_mesh};
+use super::mesh_file::read_soup;
+use super::soup::Soup;
+use super::{Place, ReadError, WriteError, dlfl, mtl, obj_groups, write_mesh};
 use crate::frame::{LengthUnit, Vec3};
+use crate::mesh::Merger;
 use crate::polymesh::{Faces, GroupBy, LoadOptions, Loaded, PolyError, PolyMesh};
 use std::collections::{BTreeMap, HashSet};
 use std::path::Path;
@@ -32,20 +35,13 @@ pub fn read_polymesh(path: impl AsRef<Path>, options: &LoadOptions) -> Result<Lo
     let draft = match extension.as_str() {
         "obj" => obj_groups::read(path, options)?,
         "dlfl" => dlfl::read(path, options)?,
-        "stl" | "ply" | "3mf" => {
-            let file = read_mesh(path)?;
-            let mesh = file.mesh.merged();
-            Draft {
-                vertices: mesh.vertices().to_vec(),
-                faces: mesh.triangles().iter().copied().collect(),
-                groups: vec![1; mesh.triangles().len()],
-                warnings: file.warnings,
-                ..Draft::default()
-            }
+        "stl" | "ply" | "off" | "3mf" | "vtp" | "vtk" | "vtu" | "msh" | "inp" => {
+            Draft::of_soup(read_soup(path)?, path)?
         }
         _ => {
             let found = format!("the extension {extension:?}");
-            let expected = "one of .obj, .dlfl, .stl, .ply, .3mf";
+            let expected =
+                "one of .obj, .dlfl, .stl, .ply, .off, .3mf, .vtp, .vtk, .vtu, .msh, .inp";
             std::fs::metadata(path).map_err(|e| ReadError::io(path, e))?;
             return Err(ReadError::data(path, Place::File, found, expected));
         }
@@ -112,6 +108,32 @@ fn library(path: &Path) -> String {
 }
 
 impl Draft {
+    /// Polygons as one group; vertices at the same place become one.
+    fn of_soup(mut soup: Soup, path: &Path) -> Result<Self, ReadError> {
+        soup.check(path)?;
+        let warnings = soup.all_warnings();
+        let mut merger = Merger::default();
+        let number: Vec<u32> = soup.vertices.iter().map(|&v| merger.add(v)).collect();
+        let faces = soup.faces.iter().filter(|f| f.len() > 2);
+        let own = |f: &[u32]| f.iter().map(|&v| number[v as usize]).collect::<Vec<_>>();
+        let faces: Faces = faces.map(own).collect();
+        if faces.is_empty() {
+            return Err(ReadError::data(
+                path,
+                Place::File,
+                "no faces",
+                "a mesh with faces",
+            ));
+        }
+        Ok(Self {
+            vertices: merger.vertices,
+            groups: vec![1; faces.len()],
+            faces,
+            warnings,
+            ..Self::default()
+        })
+    }
+
     /// Names of groups as numbers: `groupN` is N, others count up from 1 past those.
     pub fn number(&mut self, names: &[String]) {
         let own = |name: &str| {

@@ -1,6 +1,6 @@
 //! Scaffolds from files: what every format shares.
 
-use super::{Place, ReadError, facets, inp, medit, msh, nastran, unv, vtk};
+use super::{Place, ReadError, inp, medit, mesh_file, msh, nastran, unv, vtk};
 use crate::frame::Aabb;
 use crate::scaffold::{Scaffold, Surface};
 use std::path::Path;
@@ -114,8 +114,9 @@ pub(super) const KINDS_READ: &str =
     "Tet4, Tet10, Hex8, Hex20, Hex27, Wedge6, Wedge15, Wedge18, Pyramid5, Pyramid13 or Pyramid14";
 
 /// The extensions of files of elements.
-pub const ELEMENT_FORMATS: [&str; 13] = [
-    "msh", "vtu", "vtk", "inp", "bdf", "nas", "mesh", "meshb", "unv", "off", "obj", "ply", "stl",
+pub const ELEMENT_FORMATS: [&str; 17] = [
+    "msh", "vtu", "vtk", "inp", "bdf", "nas", "mesh", "meshb", "unv", "vtp", "off", "obj", "ply",
+    "stl", "3mf", "dlfl", "crystal",
 ];
 
 /// Reads the elements of a file by its extension, one of [`ELEMENT_FORMATS`].
@@ -128,15 +129,15 @@ pub fn read_elements(path: impl AsRef<Path>) -> Result<ElementFile, ReadError> {
     let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase());
     match extension.as_deref() {
         Some("msh") => msh::read(path),
-        Some("vtu") => vtk::read_xml(path),
-        Some("vtk") => vtk::read_legacy(path),
+        Some("vtu" | "vtp") => vtk::read_xml(path)?.elements(path),
+        Some("vtk") => vtk::read_legacy(path)?.elements(path),
         Some("inp") => inp::read(path),
         Some("bdf" | "nas") => nastran::read(path),
         Some("mesh" | "meshb") => medit::read(path),
         Some("unv") => unv::read(path),
-        Some("off") => facets::read_off(path),
-        Some("obj") => facets::read_obj(path),
-        Some("ply" | "stl") => facets::read_triangles(path),
+        Some("off" | "obj" | "ply" | "stl" | "3mf" | "dlfl" | "crystal") => {
+            mesh_file::read_soup(path)?.elements(path)
+        }
         other => {
             let found = other.map_or_else(
                 || "no extension".to_owned(),

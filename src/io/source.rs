@@ -1,20 +1,37 @@
 //! A file being read: buffered, with its place known, and no larger than it is.
+//!
+//! A line ends at LF, CR LF or CR. Where the first line ends at a lone CR, all lines do, so that the byte
+//! after a text header is data even if it is an LF. A byte order mark before the first line is passed over;
+//! UTF-16 is refused by name.
 
 use super::{Place, ReadError};
 use std::fs::File;
-use std::io::{BufRead, BufReader, Read};
+use std::io::{ErrorKind, Read, Seek, SeekFrom};
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 /// Longest line of text that is read; longer ones are not text.
-const LINE_LIMIT: u64 = 1 << 20;
+const LINE_LIMIT: usize = 1 << 20;
+/// Bytes that are read at once.
+const BUFFER: usize = 1 << 18;
 
 /// A buffered file that counts bytes and lines, so that every error can say where.
 pub struct Source {
     path: PathBuf,
-    file: BufReader<File>,
+    file: File,
     size: u64,
+    buffer: Vec<u8>,
+    /// What of the buffer is filled and not yet read.
+    start: usize,
+    end: usize,
     byte: u64,
     line: u64,
+    /// Where the line read last stands in the buffer.
+    current: Range<usize>,
+    /// The statement read last, where it was put together of several lines.
+    joined: Option<Vec<u8>>,
+    /// Whether the first line ended at a lone CR.
+    lone: bool,
     text: String,
 }
 
@@ -29,15 +46,21 @@ impl Source {
         let file = File::open(path).map_err(fail)?;
         let meta = file.metadata().map_err(fail)?;
         if meta.is_dir() {
-            return Err(fail(std::io::ErrorKind::IsADirectory.into()));
+            return Err(fail(ErrorKind::IsADirectory.into()));
         }
         let size = if meta.is_file() { meta.len() } else { u64::MAX };
         Ok(Self {
             path: path.to_owned(),
-            file: BufReader::with_capacity(1 << 18, file),
+            file,
             size,
+            buffer: Vec::new(),
+            start: 0,
+            end: 0,
             byte: 0,
             line: 0,
+            current: 0..0,
+            joined: None,
+            lone: false,
             text: String::new(),
         })
     }
@@ -57,17 +80,47 @@ impl Source {
         self.size.saturating_sub(self.byte)
     }
 
-    /// The next bytes without consuming them: at least `n` unless the file ends first; `n` is at
-    /// most the buffer's size.
+    /// Reads on into the buffer, which grows where it is full; how many bytes came, 0 at the end.
+    fn fill(&mut self) -> Result<usize, ReadError> {
+        if self.start > 0 {
+            self.buffer.copy_within(self.start..self.end, 0);
+            self.end -= self.start;
+            self.start = 0;
+        }
+        if self.end == self.buffer.len() {
+            let size = (2 * self.buffer.len()).max(BUFFER);
+            self.buffer.resize(size, 0);
+        }
+        loop {
+            match self.file.read(&mut self.buffer[self.end..]) {
+                Ok(n) => {
+                    self.end += n;
+                    return Ok(n);
+                }
+                Err(e) if e.kind() == ErrorKind::Interrupted => {}
+                Err(e) => return Err(ReadError::io(&self.path, e)),
+            }
+        }
+    }
+
+    fn consume(&mut self, bytes: usize) {
+        self.start += bytes;
+        self.byte += bytes as u64;
+    }
+
+    /// The next bytes without consuming them: at least `n` unless the file ends first.
     ///
     /// # Errors
     /// When the system fails.
     pub fn peek(&mut self, n: usize) -> Result<&[u8], ReadError> {
-        // Only a fresh buffer is refilled by `fill_buf`: peeking is for the head of a file.
-        debug_assert!(self.byte == 0 && n <= self.file.capacity());
-        self.file
-            .fill_buf()
-            .map_err(|e| ReadError::io(&self.path, e))
+        while self.end - self.start < n && self.fill()? > 0 {}
+        Ok(&self.buffer[self.start..self.end])
+    }
+
+    fn too_short(&self, what: &str) -> ReadError {
+        let place = Place::Byte(self.byte);
+        ReadError::data(&self.path, place, "the end of the file", what.to_owned())
+            .with_hint("the file looks truncated")
     }
 
     /// Fills `buffer` wholly.
@@ -75,17 +128,30 @@ impl Source {
     /// # Errors
     /// When the file ends first, or the system fails.
     pub fn exact(&mut self, buffer: &mut [u8], what: &str) -> Result<(), ReadError> {
-        self.file.read_exact(buffer).map_err(|e| {
-            if e.kind() == std::io::ErrorKind::UnexpectedEof {
-                let place = Place::Byte(self.byte);
-                ReadError::data(&self.path, place, "the end of the file", what.to_owned())
-                    .with_hint("the file looks truncated")
+        let known = buffer.len().min(self.end - self.start);
+        buffer[..known].copy_from_slice(&self.buffer[self.start..self.start + known]);
+        self.file.read_exact(&mut buffer[known..]).map_err(|e| {
+            if e.kind() == ErrorKind::UnexpectedEof {
+                self.too_short(what)
             } else {
                 ReadError::io(&self.path, e)
             }
         })?;
+        self.start += known;
         self.byte += buffer.len() as u64;
         Ok(())
+    }
+
+    /// The next `n` bytes, few enough for the buffer.
+    ///
+    /// # Errors
+    /// As [`Source::exact`].
+    pub fn bytes(&mut self, n: usize, what: &str) -> Result<&[u8], ReadError> {
+        if self.end - self.start < n && self.peek(n)?.len() < n {
+            return Err(self.too_short(what));
+        }
+        self.consume(n);
+        Ok(&self.buffer[self.start - n..self.start])
     }
 
     /// The next `N` bytes.
@@ -94,57 +160,165 @@ impl Source {
     /// As [`Source::exact`].
     pub fn array<const N: usize>(&mut self, what: &str) -> Result<[u8; N], ReadError> {
         let mut bytes = [0; N];
-        self.exact(&mut bytes, what)?;
+        bytes.copy_from_slice(self.bytes(N, what)?);
         Ok(bytes)
+    }
+
+    /// Passes over a byte order mark; refuses text of two bytes a letter.
+    fn begin(&mut self) -> Result<(), ReadError> {
+        let letter = |b: u8| b.is_ascii_graphic() || b.is_ascii_whitespace();
+        match *self.peek(4)? {
+            [0xef, 0xbb, 0xbf, ..] => self.consume(3),
+            [0xff, 0xfe, ..] | [0xfe, 0xff, ..] => return Err(self.utf16()),
+            [a, 0, b, 0, ..] | [0, a, 0, b, ..] if letter(a) && letter(b) => {
+                return Err(self.utf16());
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+
+    fn utf16(&self) -> ReadError {
+        ReadError::data(&self.path, Place::Byte(0), "UTF-16 text", "UTF-8 text")
+            .with_hint("save the file again as UTF-8")
+    }
+
+    /// Reads the next line, for [`Source::current`]; `false` at the end.
+    ///
+    /// # Errors
+    /// When a line is longer than a mebibyte, or the system fails.
+    pub fn advance(&mut self) -> Result<bool, ReadError> {
+        self.joined = None;
+        let first = self.byte == 0;
+        if first {
+            self.begin()?;
+        }
+        let mut seen = 0;
+        let ended = loop {
+            let rest = &self.buffer[self.start + seen..self.end];
+            let at = rest.iter().position(|&b| b == b'\n' || b == b'\r');
+            if let Some(at) = at {
+                seen += at;
+                break true;
+            }
+            seen += rest.len();
+            if seen >= LINE_LIMIT {
+                self.line += 1;
+                return Err(self.bad("a line of more than 1048576 bytes", "lines of text"));
+            }
+            if self.fill()? == 0 {
+                break false;
+            }
+        };
+        if !ended && seen == 0 {
+            return Ok(false);
+        }
+        self.line += 1;
+        let end = if ended {
+            self.line_end(seen, first)?
+        } else {
+            0
+        };
+        self.consume(seen + end);
+        let from = self.start - seen - end;
+        self.current = from..from + seen;
+        Ok(true)
+    }
+
+    /// The length of a line's end, which stands so many bytes from here.
+    fn line_end(&mut self, at: usize, first: bool) -> Result<usize, ReadError> {
+        if self.buffer[self.start + at] == b'\n' {
+            return Ok(1);
+        }
+        let lone = self.lone;
+        let end = match self.peek(at + 3)?[at..] {
+            _ if lone => 1,
+            [_, b'\n', ..] => 2,
+            // Ends that were made Windows' twice.
+            [_, b'\r', b'\n', ..] => 3,
+            _ => 1,
+        };
+        self.lone |= first && end == 1;
+        Ok(end)
+    }
+
+    /// The line read last, without its end.
+    pub fn current(&self) -> &[u8] {
+        let line = &self.buffer[self.current.clone()];
+        self.joined.as_deref().unwrap_or(line)
     }
 
     /// The next line without its end, as text (bytes outside UTF-8 are replaced); `None` at the end.
     ///
     /// # Errors
-    /// When a line is longer than a mebibyte, or the system fails.
+    /// As [`Source::advance`].
     pub fn line(&mut self) -> Result<Option<&str>, ReadError> {
-        let mut bytes = std::mem::take(&mut self.text).into_bytes();
-        bytes.clear();
-        let read = (&mut self.file)
-            .take(LINE_LIMIT)
-            .read_until(b'\n', &mut bytes)
-            .map_err(|e| ReadError::io(&self.path, e))?;
-        if read == 0 {
+        if !self.advance()? {
             return Ok(None);
         }
-        self.line += 1;
-        self.byte += read as u64;
-        if read as u64 == LINE_LIMIT && bytes.last() != Some(&b'\n') {
-            return Err(self.bad("a line of more than 1048576 bytes", "lines of text"));
+        let bytes = &self.buffer[self.current.clone()];
+        if let Ok(text) = std::str::from_utf8(bytes) {
+            return Ok(Some(text));
         }
-        while bytes.last().is_some_and(|b| *b == b'\n' || *b == b'\r') {
-            bytes.pop();
-        }
-        // The buffer is reused from line to line unless bytes had to be replaced.
-        self.text = String::from_utf8(bytes)
-            .unwrap_or_else(|e| String::from_utf8_lossy(e.as_bytes()).into_owned());
+        self.text = String::from_utf8_lossy(bytes).into_owned();
         Ok(Some(&self.text))
     }
 
-    /// The next statement: a line with those that a backslash at its end joins to it; `None` at the end.
+    /// Reads the next statement: a line with those that a backslash at its end joins to it, unless it is
+    /// a comment. `false` at the end.
     ///
     /// # Errors
-    /// When the joined lines are longer than a mebibyte, and as [`Source::line`].
-    pub fn joined_line(&mut self) -> Result<Option<String>, ReadError> {
-        let mut joined = String::new();
-        while let Some(line) = self.line()? {
-            let Some(start) = line.strip_suffix('\\') else {
-                joined.push_str(line);
-                return Ok(Some(joined));
-            };
-            joined.push_str(start);
-            joined.push(' ');
-            if joined.len() as u64 > LINE_LIMIT {
+    /// When the joined lines are longer than a mebibyte, and as [`Source::advance`].
+    pub fn advance_joined(&mut self) -> Result<bool, ReadError> {
+        fn goes_on(line: &[u8]) -> Option<&[u8]> {
+            let line = line.trim_ascii_end();
+            line.strip_suffix(b"\\")
+                .filter(|l| !l.trim_ascii_start().starts_with(b"#"))
+        }
+        if !self.advance()? {
+            return Ok(false);
+        }
+        if goes_on(self.current()).is_none() {
+            return Ok(true);
+        }
+        let mut joined: Vec<u8> = Vec::new();
+        while let Some(line) = goes_on(self.current()) {
+            joined.extend_from_slice(line);
+            joined.push(b' ');
+            if joined.len() > LINE_LIMIT {
                 let found = format!("a statement of more than {LINE_LIMIT} bytes");
                 return Err(self.bad(found, "lines of text"));
             }
+            if !self.advance()? {
+                self.joined = Some(joined);
+                return Ok(true);
+            }
         }
-        Ok(Some(joined).filter(|j| !j.is_empty()))
+        joined.extend_from_slice(self.current());
+        self.joined = Some(joined);
+        Ok(true)
+    }
+
+    /// Lines after the one read last, blank ones too.
+    ///
+    /// # Errors
+    /// When the system fails.
+    pub fn lines_left(&self) -> Result<u64, ReadError> {
+        let fail = |e| ReadError::io(&self.path, e);
+        let mut file = File::open(&self.path).map_err(fail)?;
+        file.seek(SeekFrom::Start(self.byte)).map_err(fail)?;
+        let mut buffer = vec![0; BUFFER];
+        let (mut lines, mut last) = (0, b'\n');
+        loop {
+            let n = file.read(&mut buffer).map_err(fail)?;
+            if n == 0 {
+                return Ok(lines + u64::from(!matches!(last, b'\n' | b'\r')));
+            }
+            for &b in &buffer[..n] {
+                lines += u64::from(b == b'\r' || (b == b'\n' && last != b'\r'));
+                last = b;
+            }
+        }
     }
 
     /// Number of the line read last, from 1.

@@ -1,14 +1,18 @@
 //! STL: triangles without sharing, as 50 bytes each or as text.
 //!
 //! Whether a file is binary is decided by its size (84 + 50 n), then by its text, never by the word
-//! `solid` alone, which many binary files begin with. The header of ours reads `druse unit=mm`.
+//! `solid` alone, which many binary files begin with. Where the header's count is not what the size says, the
+//! size decides if triangles fill it: if there are fewer than counted, they must close. The header of ours
+//! reads `druse unit=mm`.
+
+mod text;
 
 use super::atomic::AtomicFile;
 use super::mesh_file::MeshFile;
-use super::source::quote;
 use super::{MeshView, Place, ReadError, Source, WriteError};
 use crate::frame::{LengthUnit, Vec3};
 use crate::mesh::{Merger, TriMesh};
+use std::collections::HashMap;
 use std::io::{self, Seek, Write};
 use std::path::{Path, PathBuf};
 
@@ -16,22 +20,19 @@ use std::path::{Path, PathBuf};
 const HEAD: u64 = 84;
 /// Bytes of a triangle.
 const TRIANGLE: u64 = 50;
+/// Triangles that are read at once.
+const BATCH: usize = 1 << 11;
 
 /// Reads either kind.
 pub(super) fn read(mut source: Source) -> Result<MeshFile, ReadError> {
     let size = source.size();
-    let head = source.peek(512)?;
-    let text = head[..head.len().min(512)].to_vec();
-    let claimed = text
+    let head = source.peek(4096)?;
+    let claimed = head
         .get(80..84)
         .map(|b| u64::from(u32::from_le_bytes([b[0], b[1], b[2], b[3]])));
     let fits = claimed.is_some_and(|n| HEAD + TRIANGLE * n == size);
-    let is_solid = text.len() >= 5 && text[..5].eq_ignore_ascii_case(b"solid");
-    let printable = text
-        .iter()
-        .all(|&b| b >= 0x20 || matches!(b, b'\n' | b'\r' | b'\t'));
-    if !fits && is_solid && printable {
-        read_text(source)
+    if !fits && text::is_text(&head[..head.len().min(4096)]) {
+        text::read(source)
     } else {
         read_binary(source)
     }
@@ -40,29 +41,44 @@ pub(super) fn read(mut source: Source) -> Result<MeshFile, ReadError> {
 fn read_binary(mut source: Source) -> Result<MeshFile, ReadError> {
     let header: [u8; 80] = source.array("the 80 bytes of an STL header")?;
     let claimed = u64::from(u32::from_le_bytes(source.array("the number of triangles")?));
-    let count = source.count(claimed, TRIANGLE, "triangles")?;
     let mut warnings = Vec::new();
-    let extra = source.remaining() - TRIANGLE * count as u64;
+    let left = source.remaining();
+    let held = left / TRIANGLE;
+    let full = source.size() != u64::MAX && held > 0 && left.is_multiple_of(TRIANGLE);
+    let lies = full && claimed != held;
+    let count = if lies {
+        warnings.push(format!(
+            "the header counts {claimed} triangles where the file has {held}; all of them are read"
+        ));
+        source.count(held, TRIANGLE, "triangles")?
+    } else {
+        source.count(claimed, TRIANGLE, "triangles")?
+    };
+    let extra = left - TRIANGLE * count as u64;
     if extra > 0 && source.size() != u64::MAX {
         warnings.push(format!(
             "{extra} bytes after the last triangle; passed over"
         ));
     }
     let mut builder = Builder::default();
-    for n in 0..count {
-        let bytes: [u8; 50] = source.array("a triangle of 50 bytes")?;
-        let number = |i: usize| {
-            let at = 12 + 4 * i;
-            f64::from(f32::from_le_bytes([
-                bytes[at],
-                bytes[at + 1],
-                bytes[at + 2],
-                bytes[at + 3],
-            ]))
-        };
-        let corners = [0, 3, 6].map(|i| Vec3::new(number(i), number(i + 1), number(i + 2)));
-        if let Some(bad) = corners.iter().flatten().find(|c| !c.is_finite()) {
-            let place = Place::Item("triangle", n as u64 + 1);
+    let mut n = 0;
+    while n < count {
+        let batch = (count - n).min(BATCH);
+        let bytes = source.bytes(batch * TRIANGLE as usize, "a triangle of 50 bytes")?;
+        let mut bad = None;
+        for own in bytes.as_chunks::<{ TRIANGLE as usize }>().0 {
+            let (numbers, _) = own[12..].as_chunks::<4>();
+            let number = |i: usize| f64::from(f32::from_le_bytes(numbers[i]));
+            let corners = [0, 3, 6].map(|i| Vec3::new(number(i), number(i + 1), number(i + 2)));
+            n += 1;
+            bad = corners.iter().flatten().copied().find(|c| !c.is_finite());
+            if bad.is_some() {
+                break;
+            }
+            builder.add(corners);
+        }
+        if let Some(bad) = bad {
+            let place = Place::Item("triangle", n as u64);
             return Err(ReadError::data(
                 source.path(),
                 place,
@@ -70,67 +86,17 @@ fn read_binary(mut source: Source) -> Result<MeshFile, ReadError> {
                 "a finite number",
             ));
         }
-        builder.add(corners);
+    }
+    if lies && claimed > held && claimed != u64::from(u32::MAX) && !builder.closes() {
+        let found = format!("a claim of {claimed} triangles where the file has {held}");
+        let expected = "as many triangles as the header counts, or a closed surface";
+        return Err(
+            ReadError::data(source.path(), Place::Byte(80), found, expected)
+                .with_hint("the file looks truncated"),
+        );
     }
     let unit = stated_unit(&String::from_utf8_lossy(&header));
     builder.finish(&source, unit, warnings)
-}
-
-fn read_text(mut source: Source) -> Result<MeshFile, ReadError> {
-    let mut builder = Builder::default();
-    let mut corners: Vec<Vec3> = Vec::with_capacity(3);
-    let mut unit = None;
-    let mut ended = false;
-    while let Some(line) = source.line()? {
-        let mut words = line.split_ascii_whitespace();
-        let word = words.next().unwrap_or_default().to_ascii_lowercase();
-        match word.as_str() {
-            "vertex" => {
-                let numbers: Vec<f64> = words
-                    .map_while(|w| w.parse().ok())
-                    .filter(|c: &f64| c.is_finite())
-                    .collect();
-                if let [x, y, z] = numbers[..] {
-                    corners.push(Vec3::new(x, y, z));
-                } else {
-                    let found = quote(line);
-                    return Err(source.bad(found, "\"vertex\" and three finite numbers"));
-                }
-                if corners.len() > 3 {
-                    return Err(source.bad("a fourth vertex", "\"endloop\" after three"));
-                }
-            }
-            "endloop" | "endfacet" => {
-                if let [a, b, c] = corners[..] {
-                    builder.add([a, b, c]);
-                    corners.clear();
-                } else if !corners.is_empty() || word == "endloop" {
-                    let found = format!("{} vertices in a facet", corners.len());
-                    return Err(source.bad(found, "three"));
-                }
-            }
-            "solid" => {
-                unit = unit.or_else(|| stated_unit(line));
-                ended = false;
-            }
-            "endsolid" => ended = true,
-            "facet" | "outer" | "" => {}
-            _ => {
-                let found = quote(line);
-                return Err(source.bad(
-                    found,
-                    "facet, outer loop, vertex, endloop, endfacet or endsolid",
-                ));
-            }
-        }
-    }
-    if !corners.is_empty() {
-        return Err(source
-            .bad("the end of the file within a facet", "\"endloop\"")
-            .with_hint("the file looks truncated"));
-    }
-    let odd = (!ended).then(|| "no \"endsolid\": the file may be truncated".to_owned());
-    builder.finish(&source, unit, odd.into_iter().collect())
 }
 
 /// The unit in a header such as `druse unit=mm`.
@@ -151,6 +117,18 @@ struct Builder {
 impl Builder {
     fn add(&mut self, corners: [Vec3; 3]) {
         self.triangles.push(corners.map(|p| self.merger.add(p)));
+    }
+
+    /// Whether every edge is passed as often forward as backward.
+    fn closes(&self) -> bool {
+        let mut passes: HashMap<[u32; 2], i64> = HashMap::new();
+        for &[a, b, c] in &self.triangles {
+            for [from, to] in [[a, b], [b, c], [c, a]] {
+                let way = if from < to { 1 } else { -1 };
+                *passes.entry([from.min(to), from.max(to)]).or_default() += way;
+            }
+        }
+        passes.into_iter().all(|([a, b], n)| n == 0 || a == b)
     }
 
     fn finish(
@@ -198,8 +176,6 @@ fn facet([a, b, c]: [Vec3; 3]) -> [u8; TRIANGLE as usize] {
 
 /// Writes binary STL.
 pub(super) fn write(out: &mut dyn Write, mesh: &MeshView, unit: LengthUnit) -> io::Result<()> {
-    /// Triangles that are written at once.
-    const BATCH: usize = 1 << 11;
     out.write_all(&head(mesh.faces.len() as u32, unit))?;
     let mut batch = Vec::with_capacity(BATCH * TRIANGLE as usize);
     for corners in mesh.triangle_corners() {

@@ -8,10 +8,11 @@ use std::path::Path;
 /// # Errors
 /// [`ReadError`] names the line: a header without these names, a word that is no number.
 pub fn read_columns(path: &Path, text: &str, names: &[&str]) -> Result<Vec<Vec<f64>>, ReadError> {
-    let mut lines = text
-        .lines()
-        .enumerate()
-        .filter(|(_, l)| !l.trim().is_empty());
+    let text = text.strip_prefix('\u{feff}').unwrap_or(text);
+    // Old Macs end lines at CR alone.
+    let old = !text.contains('\n');
+    let lines = text.split(|c| c == '\n' || (old && c == '\r'));
+    let mut lines = lines.enumerate().filter(|(_, l)| !l.trim().is_empty());
     let header = lines.next().map_or("", |(_, l)| l.trim());
     let given: Vec<&str> = header.split(',').map(str::trim).collect();
     let columns: Option<Vec<usize>> = names

@@ -1,12 +1,14 @@
-//! VTK unstructured grids: XML `.vtu` and legacy `.vtk`, text and binary.
+//! VTK unstructured grids and polygons: XML `.vtu` and `.vtp`, legacy `.vtk`, text and binary.
 //!
 //! Read by ourselves: files are untrusted, and every count is checked before it is believed. VTK's
 //! node order is ours. Voxels (cell type 11) become Hex8, pixels (8) Quad4; Lagrange cells of order 1
-//! and 2 the kinds with as many nodes.
+//! and 2 the kinds with as many nodes; polygons and triangle strips of a grid become triangles. What a file
+//! holds is told by its content, whatever its extension.
 //! Point and cell data become fields.
 
 mod array;
 mod legacy;
+mod poly;
 mod types;
 mod write;
 mod xml;
@@ -16,7 +18,9 @@ pub use write::write_vtu;
 pub use xml::read as read_xml;
 
 use super::collector::Collector;
-use super::{Place, ReadError};
+use super::scaffold::ElementFile;
+use super::soup::Soup;
+use super::{Place, ReadError, outer, polygon};
 use crate::frame::Vec3;
 use crate::scaffold::Kind;
 use std::path::Path;
@@ -27,6 +31,33 @@ use types::{Cell, PYRAMID19};
 const OFF_MIDDLE: [f64; 2] = [1e-4, 1e-6];
 /// What is said to whom an element is refused.
 const HINT: &str = "mesh with elements of order 1 or 2";
+/// Cell types of surfaces of any number of nodes.
+const STRIP: u8 = 6;
+const POLYGON: u8 = 7;
+
+/// What a file holds: elements, or polygons.
+pub(super) enum VtkFile {
+    Elements(ElementFile),
+    Polygons(Soup),
+}
+
+impl VtkFile {
+    /// As elements: polygons are triangles and quads.
+    pub fn elements(self, path: &Path) -> Result<ElementFile, ReadError> {
+        match self {
+            Self::Elements(file) => Ok(file),
+            Self::Polygons(soup) => soup.elements(path),
+        }
+    }
+
+    /// As polygons: solids by their outer faces.
+    pub fn soup(self, path: &Path) -> Result<Soup, ReadError> {
+        match self {
+            Self::Elements(file) => outer::soup(path, &file),
+            Self::Polygons(soup) => Ok(soup),
+        }
+    }
+}
 
 /// Cells as both formats have them: a type each, and where each one's nodes end.
 struct Cells<'a> {
@@ -65,6 +96,14 @@ impl Cells<'_> {
                 })?;
             start += own.len();
             let cell_type = u8::try_from(cell_type).unwrap_or(u8::MAX);
+            if matches!(cell_type, STRIP | POLYGON) {
+                let nodes = own.iter().map(|&n| {
+                    // A negative number becomes one that no node has.
+                    u64::try_from(n).map_or(u64::MAX, |n| first_point + n)
+                });
+                flat(number, cell_type, &nodes.collect::<Vec<_>>(), collector);
+                continue;
+            }
             let (kind, count, order) = match types::cell(cell_type, own.len(), self.old) {
                 Cell::Element(kind, count, order) => (kind, count, order),
                 Cell::Flat => {
@@ -160,5 +199,38 @@ impl Cells<'_> {
             }
         }
         Ok(())
+    }
+}
+
+/// Hands a polygon or a strip over as triangles, or as a quad.
+fn flat(number: u64, cell_type: u8, nodes: &[u64], collector: &mut Collector) {
+    let mut add = |kind, nodes: &[u64]| collector.element(number, kind, nodes, &[]);
+    match nodes {
+        _ if cell_type == STRIP => {
+            for (i, t) in nodes.windows(3).enumerate() {
+                let turned = [t[1], t[0], t[2]];
+                add(Kind::Tri3, if i % 2 == 0 { t } else { &turned });
+            }
+        }
+        [_, _, _] => add(Kind::Tri3, nodes),
+        [_, _, _, _] => add(Kind::Quad4, nodes),
+        [] | [_] | [_, _] => collector.skipped += 1,
+        _ => {
+            let points = collector.points();
+            let at = |n: &u64| usize::try_from(*n).ok().and_then(|n| points.get(n));
+            let corners: Vec<_> = nodes.iter().filter_map(at).copied().collect();
+            let mut cut = Vec::new();
+            if corners.len() == nodes.len() {
+                let all: Vec<u32> = (0..nodes.len() as u32).collect();
+                polygon::cut(&all, &corners, &mut cut);
+            } else {
+                // The node that is missing is named when all elements are known.
+                cut.extend((1..nodes.len() as u32 - 1).map(|i| [0, i, i + 1]));
+            }
+            for t in cut {
+                let t = t.map(|i| nodes[i as usize]);
+                collector.element(number, Kind::Tri3, &t, &[]);
+            }
+        }
     }
 }

@@ -21,8 +21,8 @@ use std::str::FromStr;
 #[cfg_attr(feature = "cli", derive(clap::Args))]
 #[serde(deny_unknown_fields, default)]
 pub struct CellSection {
-    /// Triangles (.stl, .obj, .ply, .3mf) in the element's reference coordinates: closed, or open, loose
-    /// and self-intersecting as long as their winding number tells inside from outside.
+    /// A mesh (.stl .obj .ply .off .3mf .vtp, surfaces and solids of .vtu .vtk .msh .inp) in the element's
+    /// reference coordinates: closed, or open, loose and self-intersecting as long as their winding number tells inside from outside.
     #[cfg_attr(feature = "cli", arg(skip))]
     pub mesh: Option<FileRef>,
     /// Points with outward normals: .ply with nx, ny, nz, or text (.xyz, .pts, .csv, .txt) of lines

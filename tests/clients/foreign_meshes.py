@@ -1,4 +1,4 @@
-"""Meshes that nobody here wrote: Druse's counts of elements against those of other readers.
+"""Meshes that nobody here wrote: Druse's counts of elements and volumes against those of other readers.
 
     python3 foreign_meshes.py DRUSE [--all] [DIRECTORY]
 
@@ -147,6 +147,57 @@ def beams(druse):
         yield path.name, seen_by_pyvista(path), *ours(druse, path)
 
 
+def surfaces(druse, temporary):
+    """Closed surfaces of triangles, quads, polygons and strips as VTK writes them: triangles and volume."""
+    import pyvista
+    from vtkmodules.vtkIOGeometry import vtkOBJWriter
+    from vtkmodules.vtkIOLegacy import vtkPolyDataWriter
+    from vtkmodules.vtkIOXML import vtkXMLPolyDataWriter
+
+    ball = pyvista.Sphere(radius=3, theta_resolution=24, phi_resolution=16)
+    strips = ball.strip()
+    blocks = pyvista.Cube(x_length=3, y_length=4, z_length=5, clean=True)
+    prism = pyvista.Cylinder(radius=2, height=5, resolution=9, capping=True).clean()
+    for what, mesh in (("ball", ball), ("strips", strips), ("cube", blocks), ("prism", prism)):
+        cut = mesh.triangulate()
+        triangles = cut.n_cells if what != "strips" else ball.n_cells
+        expected = {"triangles": triangles, "volume": round(cut.volume, 3)}
+        files = []
+        for mode in ("Ascii", "Binary", "Appended"):
+            for packed in ("None", "ZLib"):
+                writer = vtkXMLPolyDataWriter()
+                getattr(writer, f"SetDataModeTo{mode}")()
+                getattr(writer, f"SetCompressorTypeTo{packed}")()
+                writer.SetEncodeAppendedData(packed == "None")
+                writer.SetHeaderTypeToUInt64() if packed == "None" else writer.SetHeaderTypeToUInt32()
+                files.append((writer, f"{what}_{mode}_{packed}.vtp"))
+        for binary in (False, True):
+            for version in (42, 51):
+                writer = vtkPolyDataWriter()
+                writer.SetFileVersion(version)
+                writer.SetFileTypeToBinary() if binary else writer.SetFileTypeToASCII()
+                files.append((writer, f"{what}_{version}_{'binary' if binary else 'text'}.vtk"))
+        if what != "strips":
+            files.append((vtkOBJWriter(), f"{what}.obj"))
+        for writer, name in files:
+            writer.SetFileName(str(temporary / name))
+            writer.SetInputData(mesh)
+            writer.Write()
+        names = [name for _, name in files]
+        for binary in (False, True):
+            for extension in ("ply", "stl"):
+                name = f"{what}_{binary}.{extension}"
+                cut.save(temporary / name, binary=binary)
+                names.append(name)
+        for name in names:
+            run = subprocess.run([druse, "info", "--json", temporary / name], capture_output=True, text=True)
+            answer = json.loads(run.stdout or "{}")
+            if run.returncode:
+                yield name, expected, None, answer.get("message", "?")
+                continue
+            yield name, expected, {"triangles": answer["triangles"], "volume": round(answer["volume"], 3)}, ""
+
+
 def step_meshes(druse, directory, temporary):
     """Netgen's STEP files, meshed by gmsh in both orders."""
     import gmsh
@@ -182,7 +233,7 @@ def main():
         directory = pathlib.Path(words[1]) if len(words) > 1 else temporary
         directory.mkdir(parents=True, exist_ok=True)
         rows = [*package_meshes(words[0], directory, temporary, everything), *beams(words[0]),
-                *decks(words[0], directory, temporary)]
+                *decks(words[0], directory, temporary), *surfaces(words[0], temporary)]
         if everything:
             rows += step_meshes(words[0], directory, temporary)
     for name, theirs, mine, error in rows:

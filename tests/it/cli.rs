@@ -2,6 +2,7 @@
 
 mod cells;
 mod hybrid;
+mod meshes;
 mod portable;
 mod words;
 

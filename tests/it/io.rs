@@ -1,5 +1,6 @@
 //! Laws of `io`: what is written reads back; errors say where; outputs appear whole or not at all.
 
+pub mod meshes;
 mod stream;
 mod threemf;
 
@@ -336,7 +337,8 @@ fn errors_name_the_file_the_fault_and_the_way_out() {
 
     assert_eq!(
         failure("x.step", "ISO-10303-21;"),
-        "found the extension .step; expected one of .stl, .ply, .obj, .3mf\n  hint: its content is a STEP file: name it *.step"
+        "found the extension .step; expected one of .stl, .ply, .obj, .3mf, .off, .vtp, .dlfl, .crystal, .msh, \
+         .vtu, .vtk, .inp\n  hint: its content is a STEP file: name it *.step"
     );
     assert_eq!(
         failure("x.ply", TEXT_STL),

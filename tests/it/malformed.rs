@@ -24,6 +24,7 @@ pub mod damage;
 mod decks;
 #[cfg(all(feature = "vdb", feature = "cli"))]
 mod level_sets;
+mod meshes;
 
 use archives::{archives, model_of, models, solid, threemf_model};
 use damage::{Dice, damage};
@@ -194,7 +195,6 @@ fn recipes() -> Vec<Vec<u8>> {
 const FIELDS: &str = "x,y,z,w\n0,0,0,1\n1,0,0,2.5\n0,1,0,-3e2\n";
 const PLANE: &str = "# vtk DataFile Version 3.0\nplane\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS 5 float\n\
     0 0 0 1 0 0 1 1 0 0 1 0 2 0 0\nCELLS 2 9\n4 0 1 2 3\n3 1 4 2\nCELL_TYPES 2\n9\n5\n";
-const OFF: &str = "OFF\n5 2 0\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n2 0 0\n4 0 1 2 3\n3 1 4 2\n";
 
 /// Files of the scaffolds' test data.
 fn stored(names: &[&str]) -> Vec<Vec<u8>> {
@@ -353,7 +353,6 @@ fn formats() -> Vec<Format> {
             vec![PLANE.as_bytes().to_vec()],
             scaffold,
         ),
-        row("off", "off", vec![OFF.as_bytes().to_vec()], scaffold),
         row("cell", "cell", cells(), cell),
         row("npy", "npy", arrays(), array),
         row("graph toml", "toml", vec![GRAPH_TOML.to_vec()], graph),
@@ -392,7 +391,8 @@ fn formats() -> Vec<Format> {
         ),
         row("recipe", "toml", recipes(), recipe),
     ];
-    library.into_iter().chain(program).collect()
+    let all = library.into_iter().chain(program);
+    all.chain(meshes::formats()).collect()
 }
 
 /// Peak memory of this process in KiB.
@@ -472,16 +472,9 @@ fn read_damaged(format: &Format, cases: usize) {
 
 #[test]
 fn damaged_files_give_one_clear_error() {
-    let full = std::env::var_os("DRUSE_FULL").is_some();
     if let Ok(name) = std::env::var("DRUSE_MALFORMED") {
-        // Each file of the program's takes a process.
-        let cases = match (full, name.as_str()) {
-            (true, _) => 500,
-            (false, "vdb") => 16,
-            (false, _) => 50,
-        };
         let format = formats().into_iter().find(|f| f.name == name).unwrap();
-        return read_damaged(&format, cases);
+        return read_damaged(&format, meshes::cases(&name));
     }
     let mut failed = Vec::new();
     for format in formats() {

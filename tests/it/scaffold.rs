@@ -11,13 +11,12 @@ mod generated;
 mod gmsh;
 mod medit;
 mod nastran;
+mod overlaps;
 mod pyramids;
 mod readers;
+mod twice;
 mod unv;
 mod zoo;
-mod overlaps;
-mod readers;
-mod twice;
 
 use crate::strategy::{Noise, cell_point, element_nodes, mesh, renumberings};
 use centres::centres;

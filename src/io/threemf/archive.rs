@@ -5,6 +5,7 @@ use super::parser::Parser;
 use super::slicer::{self, Volume};
 use super::text;
 use crate::frame::LengthUnit;
+use crate::io::unpack::Allowance;
 use crate::io::{Place, ReadError, quote};
 use quick_xml::Reader;
 use quick_xml::events::Event;
@@ -23,11 +24,14 @@ pub(super) struct Archive {
     zip: ZipArchive<BufReader<File>>,
     /// Names of the parts.
     names: Vec<String>,
+    /// What the parts may unpack to.
+    allowance: Allowance,
 }
 
 impl Archive {
     pub fn open(path: &Path) -> Result<Self, ReadError> {
         let file = File::open(path).map_err(|e| ReadError::io(path, e))?;
+        let packed = file.metadata().map_err(|e| ReadError::io(path, e))?.len();
         let zip = ZipArchive::new(BufReader::new(file))
             .map_err(|e| broken(path, &e, "a readable archive"))?;
         let names = zip.file_names().flatten();
@@ -35,6 +39,7 @@ impl Archive {
             path: path.to_owned(),
             names: names.map(std::borrow::Cow::into_owned).collect(),
             zip,
+            allowance: Allowance::new(path, packed),
         })
     }
 
@@ -45,6 +50,8 @@ impl Archive {
             .zip
             .by_name(name)
             .map_err(|e| broken(&self.path, &e, &expected))?;
+        let size = part.size();
+        let part = self.allowance.part(name, size, part)?;
         text::decoded(part).map_err(|e| broken(&self.path, &e, &expected))
     }
 

@@ -41,10 +41,12 @@ pub(super) fn volumes(list: impl BufRead) -> BTreeMap<u32, Vec<Volume>> {
                 b"object" => object = value(&e, "id").and_then(|v| v.parse().ok()),
                 b"volume" => {
                     let end = |name| value(&e, name).and_then(|v| v.parse().ok());
-                    volume = end("firstid").zip(end("lastid")).map(|(first, last)| Volume {
-                        triangles: [first, last],
-                        kind: String::new(),
-                    });
+                    volume = end("firstid")
+                        .zip(end("lastid"))
+                        .map(|(first, last)| Volume {
+                            triangles: [first, last],
+                            kind: String::new(),
+                        });
                 }
                 b"metadata" => {
                     let key = value(&e, "key").unwrap_or_default();
@@ -87,9 +89,17 @@ mod tests {
             <volume firstid=\"24\" lastid=\"35\"><metadata type=\"volume\" key=\"modifier\" value=\"1\"/></volume>\
             </object></config>";
         let found = volumes(list.as_bytes());
-        let kinds: Vec<(&str, [usize; 2])> =
-            found[&3].iter().map(|v| (v.kind.as_str(), v.triangles)).collect();
-        assert_eq!(kinds, [("NegativeVolume", [12, 23]), ("ParameterModifier", [24, 35])]);
+        let kinds: Vec<(&str, [usize; 2])> = found[&3]
+            .iter()
+            .map(|v| (v.kind.as_str(), v.triangles))
+            .collect();
+        assert_eq!(
+            kinds,
+            [
+                ("NegativeVolume", [12, 23]),
+                ("ParameterModifier", [24, 35])
+            ]
+        );
         assert!(volumes(&b"not xml <"[..]).is_empty());
     }
 }

@@ -88,12 +88,14 @@ fn without_modifiers(
             let [first, last] = volume.triangles;
             let kind = short(&volume.kind);
             if first > last || last >= is_part.len() {
-                let found = format!("triangles {first} to {last} of object {id} in the slicer's list");
+                let found =
+                    format!("triangles {first} to {last} of object {id} in the slicer's list");
                 let expected = format!("triangles from 0 to {}", is_part.len() as i64 - 1);
                 return Err(ReadError::data(&archive.path, Place::File, found, expected));
             }
             if volume.kind == "NegativeVolume" {
-                let found = format!("a negative volume in object {id} (triangles {first} to {last})");
+                let found =
+                    format!("a negative volume in object {id} (triangles {first} to {last})");
                 let error = ReadError::data(&archive.path, Place::File, found, "solid parts");
                 return Err(error.with_hint(
                     "apply it in the slicer, or export both parts and subtract one in a recipe",

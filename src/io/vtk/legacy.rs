@@ -1,9 +1,10 @@
 //! Legacy `.vtk` files, versions 2 to 5.1.
 
-use super::Cells;
 use super::array::Scalar;
+use super::poly::{Polygons, Section};
+use super::{Cells, VtkFile};
 use crate::io::collector::Collector;
-use crate::io::scaffold::{ElementFile, FieldAt};
+use crate::io::scaffold::FieldAt;
 use crate::io::tokens::Tokens;
 use crate::io::{ReadError, Source, quote};
 use std::path::Path;
@@ -11,14 +12,17 @@ use std::path::Path;
 /// Reads a legacy `.vtk` file.
 ///
 /// # Errors
-/// When it cannot be read, is damaged, is no unstructured grid, or holds solids of other kinds.
-pub fn read(path: &Path) -> Result<ElementFile, ReadError> {
+/// When it cannot be read, is damaged, is another kind of dataset, or holds solids of other kinds.
+pub fn read(path: &Path) -> Result<VtkFile, ReadError> {
     let mut file = File {
         tokens: Tokens::new(Source::open(path)?),
         binary: false,
     };
-    let version = file.header()?;
+    let (version, is_polygons) = file.header()?;
     let mut collector = Collector::new(path);
+    if is_polygons {
+        return file.polygons(path, version, collector);
+    }
     let (mut points, mut cells, mut types) = (None, None, None);
     while !(points.is_some() && cells.is_some() && types.is_some()) {
         let expected = "POINTS, CELLS and CELL_TYPES";
@@ -28,8 +32,7 @@ pub fn read(path: &Path) -> Result<ElementFile, ReadError> {
             ["POINTS", count, scalar] => {
                 points = Some(file.points(count, scalar, &mut collector)?);
             }
-            ["CELLS", a, b] if version >= (5, 0) => cells = Some(file.cells_by_offset(a, b)?),
-            ["CELLS", a, b] => cells = Some(file.cells_by_length(a, b)?),
+            ["CELLS", a, b] => cells = Some(file.cells(version, a, b)?),
             ["CELL_TYPES", count] => {
                 let count = file.count(count, 4, "cell types")?;
                 types = Some(file.whole(Scalar::I32, count)?);
@@ -54,8 +57,8 @@ pub fn read(path: &Path) -> Result<ElementFile, ReadError> {
         old: version < (5, 1),
     };
     cells.collect(path, 0, 0, &mut collector)?;
-    file.data(&mut collector)?;
-    collector.finish(|_| None)
+    file.data(None, &mut collector)?;
+    collector.finish(|_| None).map(VtkFile::Elements)
 }
 
 struct File {
@@ -68,8 +71,8 @@ impl File {
         self.tokens.source.bad(quote(found), expected)
     }
 
-    /// The four lines at the top; gives the version.
-    fn header(&mut self) -> Result<(u32, u32), ReadError> {
+    /// The four lines at the top; gives the version, and whether polygons follow.
+    fn header(&mut self) -> Result<((u32, u32), bool), ReadError> {
         let expected = "# vtk DataFile Version, the first line of a legacy VTK file";
         let first = self.tokens.needed_line(expected)?;
         let version = first
@@ -89,12 +92,68 @@ impl File {
             "BINARY" => true,
             _ => return Err(self.bad(&form, "ASCII or BINARY")),
         };
-        let expected = "DATASET UNSTRUCTURED_GRID";
+        let expected = "DATASET UNSTRUCTURED_GRID or DATASET POLYDATA";
         let line = self.tokens.needed_line(expected)?.to_owned();
-        if line.split_whitespace().eq(["DATASET", "UNSTRUCTURED_GRID"]) {
-            Ok(version)
+        match line.split_whitespace().collect::<Vec<_>>()[..] {
+            ["DATASET", "UNSTRUCTURED_GRID"] => Ok((version, false)),
+            ["DATASET", "POLYDATA"] => Ok((version, true)),
+            _ => Err(self.bad(&line, expected)),
+        }
+    }
+
+    /// A dataset of polygons and strips.
+    fn polygons(
+        mut self,
+        path: &Path,
+        version: (u32, u32),
+        mut collector: Collector,
+    ) -> Result<VtkFile, ReadError> {
+        let mut sections: [Section; 4] = std::array::from_fn(|_| Section::default());
+        let expected = "POINTS, VERTICES, LINES, POLYGONS, TRIANGLE_STRIPS or data";
+        let at = loop {
+            let Some(line) = self.tokens.line()?.map(str::to_owned) else {
+                break None;
+            };
+            let words: Vec<&str> = line.split_whitespace().collect();
+            let place = ["VERTICES", "LINES", "POLYGONS", "TRIANGLE_STRIPS"];
+            match words[..] {
+                ["POINTS", count, scalar] => {
+                    self.points(count, scalar, &mut collector)?;
+                }
+                [word, a, b] if place.contains(&word) => {
+                    let own = place.iter().position(|p| *p == word).unwrap_or(0);
+                    let (ends, nodes) = self.cells(version, a, b)?;
+                    (sections[own].ends, sections[own].nodes) = (ends, nodes);
+                }
+                ["METADATA"] => self.metadata()?,
+                ["FIELD", _, arrays] => self.field(arrays, &mut Vec::new())?,
+                ["POINT_DATA", _] => break Some(FieldAt::Points),
+                ["CELL_DATA", _] => break Some(FieldAt::Cells),
+                _ => return Err(self.bad(&line, expected)),
+            }
+        };
+        let mut polygons = Polygons::default();
+        collector.cells = polygons.add(path, &sections, 0, 0)?;
+        if at.is_some() {
+            self.data(at, &mut collector)?;
+        }
+        let cells = collector.cells;
+        let (points, fields) = collector.into_points();
+        let soup = polygons.soup(path, points, fields, cells)?;
+        Ok(VtkFile::Polygons(soup))
+    }
+
+    /// Where each cell's nodes end, and the nodes.
+    fn cells(
+        &mut self,
+        version: (u32, u32),
+        a: &str,
+        b: &str,
+    ) -> Result<(Vec<i64>, Vec<i64>), ReadError> {
+        if version >= (5, 0) {
+            self.cells_by_offset(a, b)
         } else {
-            Err(self.bad(&line, expected))
+            self.cells_by_length(a, b)
         }
     }
 
@@ -205,8 +264,12 @@ impl File {
     }
 
     /// Point and cell data up to the end of the file, or to what is no numbers.
-    fn data(&mut self, collector: &mut Collector) -> Result<(), ReadError> {
-        let mut at = None;
+    /// `at` is what they belong to, if their first line is read.
+    fn data(
+        &mut self,
+        mut at: Option<FieldAt>,
+        collector: &mut Collector,
+    ) -> Result<(), ReadError> {
         while let Some(line) = self.tokens.line()? {
             let line = line.to_owned();
             let words: Vec<&str> = line.split_whitespace().collect();

@@ -54,7 +54,7 @@ const NAMES: [(u8, &str); 25] = [
     (81, "Bezier pyramid"),
 ];
 /// Cell types of points and lines, and of surfaces that bound solids: counted and passed over.
-const FLAT: [u8; 15] = [0, 1, 2, 3, 4, 6, 7, 21, 30, 34, 35, 36, 60, 68, 75];
+const FLAT: [u8; 13] = [0, 1, 2, 3, 4, 21, 30, 34, 35, 36, 60, 68, 75];
 /// A pixel's and a voxel's nodes in the order of a quad and a hexahedron.
 const PIXEL: [u8; 4] = [0, 1, 3, 2];
 const VOXEL: [u8; 8] = [0, 1, 3, 2, 4, 5, 7, 6];

@@ -1,11 +1,13 @@
-//! XML `.vtu` files: text, base64, appended raw or base64, with or without zlib.
+//! XML `.vtu` and `.vtp` files: text, base64, appended raw or base64, with or without zlib.
 
 mod data;
 
-use super::Cells;
 use super::array::Scalar;
+use super::poly::{Polygons, SECTIONS, Section};
+use super::{Cells, VtkFile};
 use crate::io::collector::Collector;
-use crate::io::scaffold::{ElementFile, FieldAt};
+use crate::io::scaffold::FieldAt;
+use crate::io::unpack::Allowance;
 use crate::io::{Place, ReadError, Source, quote};
 use data::{Appended, Format};
 use quick_xml::Reader;
@@ -13,17 +15,21 @@ use quick_xml::events::{BytesStart, Event};
 use std::borrow::Cow;
 use std::path::Path;
 
-/// Reads a `.vtu` file.
+/// Reads a `.vtu` or `.vtp` file.
 ///
 /// # Errors
-/// When it cannot be read, is damaged, is no unstructured grid, or holds solids of other kinds.
-pub fn read(path: &Path) -> Result<ElementFile, ReadError> {
+/// When it cannot be read, is damaged, is another type of grid, or holds solids of other kinds.
+pub fn read(path: &Path) -> Result<VtkFile, ReadError> {
     let mut source = Source::open(path)?;
     if source.size() == u64::MAX {
         return Err(ReadError::data(path, Place::File, "a pipe", "a file"));
     }
     let mut bytes = vec![0; source.size() as usize];
     source.exact(&mut bytes, "an XML file")?;
+    if let [0xff, 0xfe, ..] | [0xfe, 0xff, ..] | [b'<', 0, ..] | [0, b'<', ..] = bytes[..] {
+        let error = ReadError::data(path, Place::Byte(0), "UTF-16 text", "UTF-8 text");
+        return Err(error.with_hint("save the file again as UTF-8"));
+    }
     let (text, appended) = Appended::split(&bytes);
     let mut document = Document {
         path,
@@ -34,9 +40,16 @@ pub fn read(path: &Path) -> Result<ElementFile, ReadError> {
         points: 0,
         cells: 0,
         old: true,
+        allowance: Allowance::new(path, bytes.len() as u64),
+        polygons: None,
     };
     document.walk()?;
-    document.collector.finish(|_| None)
+    if let Some(polygons) = document.polygons {
+        let (points, fields) = document.collector.into_points();
+        let soup = polygons.soup(path, points, fields, document.cells)?;
+        return Ok(VtkFile::Polygons(soup));
+    }
+    document.collector.finish(|_| None).map(VtkFile::Elements)
 }
 
 /// A `DataArray`: what its tag says, and the text inside.
@@ -67,6 +80,7 @@ struct Piece {
     types: Option<Vec<i64>>,
     /// The name of the cell data that hold the degrees of Lagrange cells.
     degrees: Option<String>,
+    sections: [Section; 4],
     fields: Vec<(String, FieldAt, usize, Vec<f64>)>,
 }
 
@@ -82,6 +96,9 @@ struct Document<'a> {
     cells: u64,
     /// Whether the version is below 2.1, which numbered Lagrange hexahedra otherwise.
     old: bool,
+    allowance: Allowance,
+    /// Of a file of polygons: those so far.
+    polygons: Option<Polygons>,
 }
 
 impl<'a> Document<'a> {
@@ -154,9 +171,13 @@ impl<'a> Document<'a> {
         match (parent, name) {
             ("", "VTKFile") => {
                 let grid = attribute(tag, "type").unwrap_or_default();
-                if grid != "UnstructuredGrid" {
-                    let found = format!("a VTK file of type {}", quote(&grid));
-                    return Err(self.bad(byte, found, "UnstructuredGrid"));
+                match grid.as_str() {
+                    "UnstructuredGrid" => {}
+                    "PolyData" => self.polygons = Some(Polygons::default()),
+                    _ => {
+                        let found = format!("a VTK file of type {}", quote(&grid));
+                        return Err(self.bad(byte, found, "UnstructuredGrid or PolyData"));
+                    }
                 }
                 let version = attribute(tag, "version");
                 let version = version.and_then(|v| super::types::version(&v));
@@ -174,19 +195,29 @@ impl<'a> Document<'a> {
             ("", other) => {
                 return Err(self.bad(byte, format!("the element <{other}>"), "<VTKFile>"));
             }
-            ("UnstructuredGrid", "Piece") => {
-                *piece = Some(Piece {
+            ("UnstructuredGrid" | "PolyData", "Piece") => {
+                let mut new = Piece {
                     points: self.number(tag, "NumberOfPoints", byte)?,
-                    cells: self.number(tag, "NumberOfCells", byte)?,
                     ..Piece::default()
-                });
+                };
+                if self.polygons.is_none() {
+                    new.cells = self.number(tag, "NumberOfCells", byte)?;
+                }
+                for (section, (_, count)) in new.sections.iter_mut().zip(SECTIONS) {
+                    if attribute(tag, count).is_some() {
+                        section.count = self.number(tag, count, byte)?;
+                    }
+                }
+                *piece = Some(new);
+            }
+            ("Points" | "Cells" | "Verts" | "Lines" | "Polys" | "Strips", "DataArray") => {
+                *array = Some(self.array(tag, byte)?);
             }
             ("Piece", "CellData") => {
                 if let Some(piece) = piece {
                     piece.degrees = attribute(tag, "HigherOrderDegrees");
                 }
             }
-            ("Points" | "Cells", "DataArray") => *array = Some(self.array(tag, byte)?),
             // Data of types that are no numbers, such as strings, are passed over.
             ("PointData" | "CellData", "DataArray") => *array = self.array(tag, byte).ok(),
             _ => {}
@@ -282,17 +313,24 @@ impl<'a> Document<'a> {
                 .push((array.name.clone(), at, components, values));
             return Ok(());
         }
-        let target = match array.name.as_str() {
-            "connectivity" => &mut piece.nodes,
-            "offsets" => &mut piece.ends,
-            "types" => &mut piece.types,
-            _ => return Ok(()),
-        };
+        let section = SECTIONS.iter().position(|s| s.0 == parent);
+        let known = ["connectivity", "offsets", "types"];
+        if !known.contains(&array.name.as_str()) {
+            return Ok(());
+        }
         if array.scalar.is_float() {
             let found = format!("{} as numbers with fractions", array.name);
             return Err(self.bad(array.byte, found, "whole numbers"));
         }
-        *target = Some(self.decode(array, |w| w.parse().ok(), Scalar::whole)?);
+        let numbers = self.decode(array, |w| w.parse().ok(), Scalar::whole)?;
+        match (array.name.as_str(), section) {
+            ("connectivity", None) => piece.nodes = Some(numbers),
+            ("offsets", None) => piece.ends = Some(numbers),
+            (_, None) => piece.types = Some(numbers),
+            ("connectivity", Some(s)) => piece.sections[s].nodes = numbers,
+            ("offsets", Some(s)) => piece.sections[s].ends = numbers,
+            _ => {}
+        }
         Ok(())
     }
 
@@ -325,9 +363,9 @@ impl<'a> Document<'a> {
                 }
                 return Ok(numbers);
             }
-            Form::Inline => self.format.inline(&array.text.concat()),
+            Form::Inline => self.format.inline(&array.text.concat(), &self.allowance),
             Form::Appended(offset) => match &self.appended {
-                Some(a) => self.format.appended(a, offset),
+                Some(a) => self.format.appended(a, offset, &self.allowance),
                 None => Err("an offset without appended data".into()),
             },
         };
@@ -349,7 +387,7 @@ impl<'a> Document<'a> {
             .collect())
     }
 
-    fn finish_piece(&mut self, piece: Piece) -> Result<(), ReadError> {
+    fn finish_piece(&mut self, mut piece: Piece) -> Result<(), ReadError> {
         let missing = |what: &str| {
             ReadError::data(
                 self.path,
@@ -364,7 +402,21 @@ impl<'a> Document<'a> {
             let expected = format!("3 for each of {} points", piece.points);
             return Err(ReadError::data(self.path, Place::File, found, expected));
         }
-        if piece.cells > 0 {
+        let first_point = self.points;
+        for p in coordinates.chunks_exact(3) {
+            self.collector.point(self.points, [p[0], p[1], p[2]]);
+            self.points += 1;
+        }
+        if let Some(polygons) = &mut self.polygons {
+            for (section, (name, _)) in piece.sections.iter().zip(SECTIONS) {
+                if section.ends.len() as u64 != section.count {
+                    let found = format!("{} offsets of {name}", section.ends.len());
+                    let expected = format!("one for each of {}", section.count);
+                    return Err(ReadError::data(self.path, Place::File, found, expected));
+                }
+            }
+            piece.cells = polygons.add(self.path, &piece.sections, first_point, self.cells)?;
+        } else if piece.cells > 0 {
             let (nodes, ends, types) = (
                 piece.nodes.ok_or_else(|| missing("connectivity"))?,
                 piece.ends.ok_or_else(|| missing("offsets"))?,
@@ -387,7 +439,7 @@ impl<'a> Document<'a> {
             }) {
                 cells.check_degrees(self.path, self.cells, degrees)?;
             }
-            cells.collect(self.path, self.points, self.cells, &mut self.collector)?;
+            cells.collect(self.path, first_point, self.cells, &mut self.collector)?;
         }
         for (name, at, components, values) in piece.fields {
             let (count, what) = match at {
@@ -400,10 +452,6 @@ impl<'a> Document<'a> {
                 return Err(ReadError::data(self.path, Place::File, found, expected));
             }
             self.collector.field(&name, at, components, values);
-        }
-        for p in coordinates.chunks_exact(3) {
-            self.collector.point(self.points, [p[0], p[1], p[2]]);
-            self.points += 1;
         }
         self.cells += piece.cells;
         self.collector.cells = self.cells;

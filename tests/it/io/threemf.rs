@@ -385,12 +385,19 @@ fn what_is_not_printed_is_left_out_and_counted() {
 #[test]
 fn modifiers_of_slicers_are_no_part_of_the_solid() {
     // Two cubes as one mesh, as PrusaSlicer writes them, and its list of which triangles are what.
-    let two = cube(0.0).replace("</vertices>", "<vertex x=\"20\" y=\"0\" z=\"0\"/><vertex x=\"21\" y=\"0\" z=\"0\"/>\
-        <vertex x=\"20\" y=\"1\" z=\"0\"/><vertex x=\"20\" y=\"0\" z=\"1\"/></vertices>");
+    let two = cube(0.0).replace(
+        "</vertices>",
+        "<vertex x=\"20\" y=\"0\" z=\"0\"/><vertex x=\"21\" y=\"0\" z=\"0\"/>\
+        <vertex x=\"20\" y=\"1\" z=\"0\"/><vertex x=\"20\" y=\"0\" z=\"1\"/></vertices>",
+    );
     let tet = [[8, 10, 9], [8, 9, 11], [9, 10, 11], [8, 11, 10]];
     let tet = tet.map(|[a, b, c]| format!("<triangle v1=\"{a}\" v2=\"{b}\" v3=\"{c}\"/>"));
     let two = two.replace("</triangles>", &format!("{}</triangles>", tet.concat()));
-    let root = document("", &format!("<object id=\"1\">{two}</object>"), "<item objectid=\"1\"/>");
+    let root = document(
+        "",
+        &format!("<object id=\"1\">{two}</object>"),
+        "<item objectid=\"1\"/>",
+    );
     let read = |kind: &str, last: usize| {
         let list = format!(
             "<config><object id=\"1\"><volume firstid=\"0\" lastid=\"11\"/><volume firstid=\"12\" lastid=\"{last}\">\
@@ -408,7 +415,10 @@ fn modifiers_of_slicers_are_no_part_of_the_solid() {
     let note = "4 triangles of object 1 are a ParameterModifier of the slicer and left out";
     assert_eq!(part.file.warnings, [note]);
     let error = read("NegativeVolume", 15).unwrap_err();
-    assert!(error.contains("a negative volume in object 1 (triangles 12 to 15)"), "{error}");
+    assert!(
+        error.contains("a negative volume in object 1 (triangles 12 to 15)"),
+        "{error}"
+    );
     let error = read("SupportBlocker", 16).unwrap_err();
     assert!(error.contains("expected triangles from 0 to 15"), "{error}");
 }

@@ -5,6 +5,7 @@
 
 use super::super::array::Scalar;
 use crate::io::quote;
+use crate::io::unpack::Allowance;
 use flate2::read::ZlibDecoder;
 use std::io::Read;
 
@@ -99,18 +100,23 @@ impl Format {
     }
 
     /// The bytes of an array from the base64 text in its element.
-    pub fn inline(self, text: &[u8]) -> Result<Vec<u8>, Damage> {
-        self.unpack(&base64(text)?)
+    pub fn inline(self, text: &[u8], allowance: &Allowance) -> Result<Vec<u8>, Damage> {
+        self.unpack(&base64(text)?, allowance)
     }
 
     /// The bytes of an array in the appended data.
-    pub fn appended(self, appended: &Appended, offset: u64) -> Result<Vec<u8>, Damage> {
+    pub fn appended(
+        self,
+        appended: &Appended,
+        offset: u64,
+        allowance: &Allowance,
+    ) -> Result<Vec<u8>, Damage> {
         let data = usize::try_from(offset)
             .ok()
             .and_then(|at| appended.data.get(at..))
             .ok_or_else(|| format!("the offset {offset} of {} bytes", appended.data.len()))?;
         if !appended.base64 {
-            return self.unpack(data);
+            return self.unpack(data, allowance);
         }
         // Other arrays follow without a mark: decode what the header asks for.
         let head = self.header.size();
@@ -129,7 +135,7 @@ impl Format {
             encoded(self.count(&first, 0)?.saturating_add(head))
         };
         let text = data.get(..text).ok_or("the end inside an array")?;
-        self.unpack(&base64(text)?)
+        self.unpack(&base64(text)?, allowance)
     }
 
     /// Header number `i` as a count.
@@ -143,7 +149,7 @@ impl Format {
             .map_err(|_| "a header beyond all sizes".into())
     }
 
-    fn unpack(self, data: &[u8]) -> Result<Vec<u8>, Damage> {
+    fn unpack(self, data: &[u8], allowance: &Allowance) -> Result<Vec<u8>, Damage> {
         let head = self.header.size();
         if data.is_empty() {
             return Ok(Vec::new());
@@ -170,6 +176,12 @@ impl Format {
             .and_then(|n| n.checked_mul(head))
             .filter(|at| *at <= data.len())
             .ok_or_else(|| format!("{blocks} blocks in {} bytes", data.len()))?;
+        // All but the last are of one size: what they come to is known before any is unpacked.
+        let rest = if last > 0 { last } else { full };
+        let whole = (blocks - 1).saturating_mul(full).saturating_add(rest);
+        allowance
+            .take("data", whole as u64)
+            .map_err(|e| e.found().to_owned())?;
         let mut bytes = Vec::new();
         for block in 0..blocks {
             let packed = self.count(data, 3 + block)?;

@@ -1,0 +1,63 @@
+//! Numbers as programs write them into text: with Fortran's exponents too, never with a decimal comma.
+
+use super::{ReadError, Source, quote};
+
+/// A number; `None` if the word is none. What it says need not be finite.
+pub(super) fn real(word: &[u8]) -> Option<f64> {
+    let text = std::str::from_utf8(word).ok()?;
+    text.parse().ok().or_else(|| fortran(text))
+}
+
+/// A number with an exponent such as `D0`.
+fn fortran(text: &str) -> Option<f64> {
+    let at = text.find(['d', 'D'])?;
+    let (digits, power) = (&text[..at], &text[at + 1..]);
+    format!("{digits}e{power}").parse().ok()
+}
+
+/// A number that is finite.
+pub(super) fn finite(word: &[u8]) -> Option<f64> {
+    real(word).filter(|x| x.is_finite())
+}
+
+/// The words of a line: what white space separates.
+pub(super) fn words(line: &[u8]) -> impl Iterator<Item = &[u8]> + Clone {
+    line.split(u8::is_ascii_whitespace)
+        .filter(|w| !w.is_empty())
+}
+
+/// An error about the line read last, with advice where decimal commas are its fault.
+pub(super) fn fault(source: &Source, expected: &str) -> ReadError {
+    let line = String::from_utf8_lossy(source.current());
+    let error = source.bad(quote(&line), expected);
+    let comma = |w: &[u8]| w[0].is_ascii_digit() && w[1] == b',' && w[2].is_ascii_digit();
+    if line.as_bytes().windows(3).any(comma) {
+        error.with_hint("decimals begin with a point, not with a comma: write the file again so")
+    } else {
+        error
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn exponents_of_every_language_are_read() {
+        for (word, value) in [
+            ("1.D0", 1.0),
+            ("-2.5d-3", -2.5e-3),
+            ("+.5", 0.5),
+            ("3E+2", 300.0),
+            ("7", 7.0),
+        ] {
+            assert_eq!(real(word.as_bytes()), Some(value), "{word}");
+        }
+        for word in ["1,5", "d", "1.0D", "one", "", "1.#IND"] {
+            assert_eq!(real(word.as_bytes()), None, "{word}");
+        }
+        assert_eq!(finite(b"nan"), None);
+        let line: Vec<&[u8]> = words(b" a\tbc  d ").collect();
+        assert_eq!(line, [&b"a"[..], b"bc", b"d"]);
+    }
+}

@@ -1,0 +1,203 @@
+//! OFF, Geomview's object file format: text, with or without normals, colours and texture coordinates.
+//!
+//! A vertex and a face are a line each; where a line has too few numbers they go on in the next. What follows
+//! the coordinates of a vertex and the corners of a face on their line is colours, normals and the like, and is
+//! passed over, unless the lines are too few for all of them. `OFF BINARY` and vertices of four or more coordinates are refused by name.
+
+use super::number::{self, words};
+use super::soup::Soup;
+use super::{ReadError, Source, quote};
+use crate::frame::Vec3;
+
+/// Lines without comments and blank ones, and what of the last one is not yet read.
+struct Lines {
+    source: Source,
+    numbers: Vec<f64>,
+    at: usize,
+}
+
+impl Lines {
+    /// The next line that has words; `false` at the end.
+    fn next(&mut self) -> Result<bool, ReadError> {
+        while self.source.advance()? {
+            if words(self.text()).next().is_some() {
+                return Ok(true);
+            }
+        }
+        Ok(false)
+    }
+
+    fn text(&self) -> &[u8] {
+        let line = self.source.current();
+        line.split(|&b| b == b'#').next().unwrap_or_default()
+    }
+
+    /// The numbers of this line, from word `skip` on, are next.
+    fn take_line(&mut self, skip: usize) -> Result<(), ReadError> {
+        let mut numbers = std::mem::take(&mut self.numbers);
+        numbers.clear();
+        self.at = 0;
+        for word in words(self.text()).skip(skip) {
+            let Some(x) = number::real(word) else {
+                return Err(number::fault(&self.source, "numbers"));
+            };
+            numbers.push(x);
+        }
+        self.numbers = numbers;
+        Ok(())
+    }
+
+    /// The next number.
+    fn number(&mut self, what: impl Fn() -> String) -> Result<f64, ReadError> {
+        while self.at == self.numbers.len() {
+            if !self.next()? {
+                let error = self.source.bad("the end of the file", what());
+                return Err(error.with_hint("the file looks truncated"));
+            }
+            self.take_line(0)?;
+        }
+        self.at += 1;
+        Ok(self.numbers[self.at - 1])
+    }
+
+    fn count(&mut self, what: &str, most: f64) -> Result<u64, ReadError> {
+        let x = self.number(|| what.to_owned())?;
+        if x >= 0.0 && x.fract() == 0.0 && x <= most {
+            return Ok(x as u64);
+        }
+        Err(self.source.bad(format!("{x}"), what))
+    }
+
+    /// A vertex or a face is complete: what is left of its line is the next if lines are too few for all that
+    /// are to come, else colours and the like.
+    fn end(&mut self, dense: &mut Option<bool>, to_come: u64) -> Result<(), ReadError> {
+        if self.at == self.numbers.len() {
+            return Ok(());
+        }
+        let is_dense = match *dense {
+            Some(is_dense) => is_dense,
+            None => self.source.lines_left()? < to_come,
+        };
+        *dense = Some(is_dense);
+        if !is_dense {
+            self.at = self.numbers.len();
+        }
+        Ok(())
+    }
+}
+
+/// Whether a word is OFF with letters for what its vertices have; says what is refused.
+fn keyword(word: &[u8]) -> Option<Result<(), &'static str>> {
+    let word = word.to_ascii_uppercase();
+    let mut rest = word.strip_suffix(b"OFF")?;
+    for part in [&b"ST"[..], b"C", b"N", b"C"] {
+        rest = rest.strip_prefix(part).unwrap_or(rest);
+    }
+    match rest {
+        b"" => Some(Ok(())),
+        b"4" => Some(Err("vertices of four coordinates (4OFF)")),
+        // The small n of nOFF; NNOFF is both.
+        b"N" | b"4N" => Some(Err("vertices of any dimension (nOFF)")),
+        _ => None,
+    }
+}
+
+pub(super) fn read(source: Source) -> Result<Soup, ReadError> {
+    let mut lines = Lines {
+        source,
+        numbers: Vec::new(),
+        at: 0,
+    };
+    let expected = "OFF, the first line of an .off file";
+    if !lines.next()? {
+        return Err(lines.source.bad("the end of the file", expected));
+    }
+    let first: Vec<Vec<u8>> = words(lines.text()).map(<[u8]>::to_vec).collect();
+    let dimension = first[0] == b"nOFF" || first[0] == b"4nOFF";
+    let refused = match keyword(&first[0]) {
+        _ if dimension => Some("vertices of any dimension (nOFF)"),
+        Some(Err(what)) => Some(what),
+        Some(Ok(()))
+            if first
+                .get(1)
+                .is_some_and(|w| w.eq_ignore_ascii_case(b"BINARY")) =>
+        {
+            Some("a binary file (OFF BINARY)")
+        }
+        Some(Ok(())) => {
+            lines.take_line(1)?;
+            None
+        }
+        // The word may be left out.
+        None if first.iter().all(|w| w.iter().all(u8::is_ascii_digit)) => {
+            lines.take_line(0)?;
+            None
+        }
+        None => {
+            let line = String::from_utf8_lossy(lines.source.current()).into_owned();
+            return Err(lines.source.bad(quote(line.trim()), expected));
+        }
+    };
+    if let Some(what) = refused {
+        let error = lines
+            .source
+            .bad(what, "text with three coordinates a vertex");
+        return Err(error.with_hint("write it as plain OFF, or as PLY"));
+    }
+    let most = f64::from(u32::MAX);
+    let what = "the numbers of vertices, faces and edges";
+    let vertices = lines.count(what, most)?;
+    let apart = lines.at == lines.numbers.len();
+    let faces = lines.count(what, most)?;
+    // Some writers leave out the number of edges, of which nothing follows.
+    if apart || lines.at < lines.numbers.len() {
+        lines.count(what, f64::INFINITY)?;
+    }
+    content(lines, vertices, faces)
+}
+
+fn content(mut lines: Lines, vertices: u64, faces: u64) -> Result<Soup, ReadError> {
+    let mut soup = Soup::default();
+    // Three digits with a separator each; a face needs at least two.
+    let room = (lines.numbers.len() - lines.at) as u64;
+    lines
+        .source
+        .count(vertices.saturating_sub(room), 5, "vertices")?;
+    // Where lines are too few, what follows on a line is the next vertex or face.
+    let mut dense = (lines.at < lines.numbers.len()).then_some(true);
+    for n in 0..vertices {
+        let mut point = [0.0; 3];
+        for c in &mut point {
+            *c = lines.number(|| format!("vertex {} of {vertices}", n + 1))?;
+        }
+        if !point.iter().all(|c| c.is_finite()) {
+            return Err(number::fault(&lines.source, "three finite coordinates"));
+        }
+        soup.vertices.push(Vec3::from(point));
+        lines.end(&mut dense, vertices - n - 1 + faces)?;
+    }
+    let room = (lines.numbers.len() - lines.at) as u64;
+    lines.source.count(faces.saturating_sub(room), 3, "faces")?;
+    for n in 0..faces {
+        let what = || format!("face {} of {faces}", n + 1);
+        let corners = lines.number(what)?;
+        let left = (lines.numbers.len() - lines.at) as u64 + lines.source.remaining();
+        if !(corners >= 0.0 && corners.fract() == 0.0 && corners <= left as f64) {
+            let found = format!("a face of {corners} corners");
+            let expected = "a number of corners that the file can hold";
+            return Err(lines.source.bad(found, expected));
+        }
+        let mut face = Vec::new();
+        for _ in 0..corners as u64 {
+            let corner = lines.number(what)?;
+            if !(corner >= 0.0 && corner.fract() == 0.0 && corner < f64::from(u32::MAX)) {
+                let found = format!("the vertex number {corner}");
+                return Err(lines.source.bad(found, "a whole number from 0"));
+            }
+            face.push(corner as u32);
+        }
+        soup.faces.push(face);
+        lines.end(&mut dense, faces - n - 1)?;
+    }
+    Ok(soup)
+}

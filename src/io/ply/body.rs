@@ -1,0 +1,249 @@
+//! What stands below the header of PLY.
+//!
+//! In text an element is a line; one that is too short goes on in the next. What else stands on the line is
+//! passed over, unless the lines are too few for all elements: then it is the next of them.
+
+use super::header::{Format, Header, Layer, Role, Scalar};
+use crate::frame::Vec3;
+use crate::io::number::{self, words};
+use crate::io::soup::Soup;
+use crate::io::{Place, ReadError, Source, quote};
+use crate::polymesh::Faces;
+
+/// What stands below a header.
+pub(super) struct Content {
+    pub points: Vec<Vec3>,
+    pub normals: Vec<Vec3>,
+    pub faces: Faces,
+    /// Bytes after the last element.
+    pub left: u64,
+}
+
+pub(super) fn content(source: &mut Source, header: &Header) -> Result<Content, ReadError> {
+    let format = header.format;
+    let (mut points, mut normals) = (Vec::new(), Vec::new());
+    let has_normals = header.has(Role::Normal(0));
+    let mut faces = Faces::default();
+    let mut list = Vec::new();
+    let (mut line, mut at) = (Vec::new(), 0);
+    let counts = header.layers.iter().map(|l| l.count);
+    let (mut to_come, mut dense) = (counts.fold(0, u64::saturating_add), None);
+    for layer in header.layers.iter().filter(|l| !l.properties.is_empty()) {
+        let least: usize = match format {
+            // A digit and a separator each; the last line may lack its end.
+            Format::Text => 2 * layer.properties.len() - 1,
+            _ => layer
+                .properties
+                .iter()
+                .map(|p| p.length.unwrap_or(p.kind).size())
+                .sum(),
+        };
+        // What is left of the line at hand is in the file too.
+        let room = (line.len() - at) as u64;
+        source.count(layer.count.saturating_sub(room), least as u64, &layer.name)?;
+        let is_vertex = layer.name == "vertex";
+        let mut rows = Rows {
+            source,
+            format,
+            layer,
+            line: std::mem::take(&mut line),
+            at,
+            number: 0,
+        };
+        for _ in 0..layer.count {
+            rows.next()?;
+            let (mut point, mut normal) = (Vec3::zeros(), Vec3::zeros());
+            for p in &layer.properties {
+                match (p.length, p.role) {
+                    (None, Role::Axis(a)) => point[a] = rows.coordinate(p.kind)?,
+                    (None, Role::Normal(a)) => normal[a] = rows.number(p.kind)?,
+                    (None, _) => drop(rows.number(p.kind)?),
+                    (Some(length), role) => {
+                        let is_strip = role == Role::Strips;
+                        let length = rows.length(length, p.kind)?;
+                        list.clear();
+                        for _ in 0..length {
+                            match role {
+                                Role::Corners => list.push(rows.index(p.kind, false)?),
+                                Role::Strips => list.push(rows.index(p.kind, true)?),
+                                _ => drop(rows.number(p.kind)?),
+                            }
+                        }
+                        if is_strip {
+                            for strip in list.split(|&v| v == u32::MAX) {
+                                Soup::strip(&mut faces, strip);
+                            }
+                        } else if role == Role::Corners {
+                            faces.push(list.iter().copied());
+                        }
+                    }
+                }
+            }
+            to_come -= 1;
+            rows.end(&mut dense, to_come)?;
+            if is_vertex {
+                points.push(point);
+                if has_normals {
+                    normals.push(normal);
+                }
+            }
+        }
+        // The next layer may begin on the same line.
+        (line, at) = (rows.line, rows.at);
+    }
+    let known = format != Format::Text && source.size() != u64::MAX;
+    Ok(Content {
+        points,
+        normals,
+        faces,
+        left: if known { source.remaining() } else { 0 },
+    })
+}
+
+/// Elements being read: numbers of a line of text, or the file itself.
+struct Rows<'a> {
+    source: &'a mut Source,
+    format: Format,
+    layer: &'a Layer,
+    /// The numbers of the line at hand, and which of them is next.
+    line: Vec<f64>,
+    at: usize,
+    /// The element being read, from 1.
+    number: u64,
+}
+
+impl Rows<'_> {
+    fn next(&mut self) -> Result<(), ReadError> {
+        self.number += 1;
+        if self.format == Format::Text && self.at == self.line.len() {
+            self.fill()?;
+        }
+        Ok(())
+    }
+
+    /// The numbers of the next line that has any.
+    fn fill(&mut self) -> Result<(), ReadError> {
+        self.line.clear();
+        self.at = 0;
+        while self.line.is_empty() {
+            if !self.source.advance()? {
+                let found = format!(
+                    "the end of the file after {} of {} {}",
+                    self.number - 1,
+                    self.layer.count,
+                    self.layer.name
+                );
+                return Err(self
+                    .source
+                    .bad(found, "more")
+                    .with_hint("the file looks truncated"));
+            }
+            for word in words(self.source.current()) {
+                // What is no number is told where it is needed.
+                self.line.push(number::real(word).unwrap_or(NO_NUMBER));
+            }
+        }
+        Ok(())
+    }
+
+    fn number(&mut self, kind: Scalar) -> Result<f64, ReadError> {
+        if self.format == Format::Text {
+            if self.at == self.line.len() {
+                self.fill()?;
+            }
+            let x = self.line[self.at];
+            self.at += 1;
+            if x.to_bits() == NO_NUMBER.to_bits() {
+                let word = words(self.source.current()).nth(self.at - 1);
+                let word = String::from_utf8_lossy(word.unwrap_or_default()).into_owned();
+                return Err(self.bad(quote(&word), "a number"));
+            }
+            return Ok(x);
+        }
+        let n = kind.size();
+        let mut bytes = [0u8; 8];
+        match self.source.bytes(n, "") {
+            Ok(own) => bytes[..n].copy_from_slice(own),
+            Err(e) => {
+                let what = format!("a number of {} {}", self.layer.name, self.number);
+                return Err(ReadError::data(e.path(), e.place(), e.found(), what)
+                    .with_hint("the file looks truncated"));
+            }
+        }
+        if self.format == Format::Big {
+            bytes[..n].reverse();
+        }
+        Ok(kind.number(bytes))
+    }
+
+    fn bad(&self, found: impl Into<String>, expected: &str) -> ReadError {
+        // Elements are vertices, faces or what we pass over.
+        let what = match self.layer.name.as_str() {
+            "vertex" => "vertex",
+            "face" => "face",
+            _ => "element",
+        };
+        let place = match self.format {
+            Format::Text => Place::ItemOnLine(what, self.number, self.source.line_number()),
+            _ => Place::Item(what, self.number),
+        };
+        ReadError::data(self.source.path(), place, found, expected)
+    }
+
+    fn length(&mut self, kind: Scalar, item: Scalar) -> Result<usize, ReadError> {
+        let x = self.number(kind)?;
+        let left = self.source.remaining();
+        let room = match self.format {
+            Format::Text => (self.line.len() - self.at) as u64 + left,
+            _ => left / item.size() as u64,
+        };
+        if !(x >= 0.0 && x.fract() == 0.0 && x <= room as f64) {
+            return Err(self.bad(
+                format!("a list of {x} numbers"),
+                "a length that the file can hold",
+            ));
+        }
+        Ok(x as usize)
+    }
+
+    fn coordinate(&mut self, kind: Scalar) -> Result<f64, ReadError> {
+        let x = self.number(kind)?;
+        if x.is_finite() {
+            Ok(x)
+        } else {
+            Err(self.bad(format!("the coordinate {x}"), "a finite number"))
+        }
+    }
+
+    /// The number of a vertex; -1 in a strip, which begins anew there, is `u32::MAX`.
+    fn index(&mut self, kind: Scalar, strip: bool) -> Result<u32, ReadError> {
+        let x = self.number(kind)?;
+        if x >= 0.0 && x.fract() == 0.0 && x <= f64::from(u32::MAX) {
+            Ok(x as u32)
+        } else if strip && x == -1.0 {
+            Ok(u32::MAX)
+        } else {
+            Err(self.bad(format!("the vertex number {x}"), "a whole number from 0"))
+        }
+    }
+
+    /// The element is complete: what is left of its line is more elements if lines are too few for all that
+    /// are to come, else nothing.
+    fn end(&mut self, dense: &mut Option<bool>, to_come: u64) -> Result<(), ReadError> {
+        if self.at == self.line.len() {
+            return Ok(());
+        }
+        let is_dense = match *dense {
+            Some(is_dense) => is_dense,
+            None => self.source.lines_left()? < to_come,
+        };
+        *dense = Some(is_dense);
+        if !is_dense {
+            self.at = self.line.len();
+        }
+        Ok(())
+    }
+}
+
+/// In the place of a word that is no number; no text gives these bits.
+const NO_NUMBER: f64 = f64::from_bits(0x7ff8_dead_0000_0001);

@@ -1,0 +1,235 @@
+//! The header of PLY: which elements follow, of which properties.
+
+use crate::frame::LengthUnit;
+use crate::io::{ReadError, Source, quote};
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Scalar {
+    I8,
+    U8,
+    I16,
+    U16,
+    I32,
+    U32,
+    I64,
+    U64,
+    F32,
+    F64,
+}
+
+impl Scalar {
+    fn named(name: &str) -> Option<Self> {
+        Some(match name {
+            "char" | "int8" => Self::I8,
+            "uchar" | "uint8" => Self::U8,
+            "short" | "int16" => Self::I16,
+            "ushort" | "uint16" => Self::U16,
+            "int" | "int32" => Self::I32,
+            "uint" | "uint32" => Self::U32,
+            "int64" | "long" => Self::I64,
+            "uint64" | "ulong" => Self::U64,
+            "float" | "float32" => Self::F32,
+            "double" | "float64" => Self::F64,
+            _ => return None,
+        })
+    }
+
+    pub fn size(self) -> usize {
+        match self {
+            Self::I8 | Self::U8 => 1,
+            Self::I16 | Self::U16 => 2,
+            Self::I32 | Self::U32 | Self::F32 => 4,
+            Self::I64 | Self::U64 | Self::F64 => 8,
+        }
+    }
+
+    fn is_whole(self) -> bool {
+        !matches!(self, Self::F32 | Self::F64)
+    }
+
+    /// The number in little-endian bytes.
+    pub fn number(self, b: [u8; 8]) -> f64 {
+        match self {
+            Self::I8 => f64::from(b[0] as i8),
+            Self::U8 => f64::from(b[0]),
+            Self::I16 => f64::from(i16::from_le_bytes([b[0], b[1]])),
+            Self::U16 => f64::from(u16::from_le_bytes([b[0], b[1]])),
+            Self::I32 => f64::from(i32::from_le_bytes([b[0], b[1], b[2], b[3]])),
+            Self::U32 => f64::from(u32::from_le_bytes([b[0], b[1], b[2], b[3]])),
+            Self::I64 => i64::from_le_bytes(b) as f64,
+            Self::U64 => u64::from_le_bytes(b) as f64,
+            Self::F32 => f64::from(f32::from_le_bytes([b[0], b[1], b[2], b[3]])),
+            Self::F64 => f64::from_le_bytes(b),
+        }
+    }
+}
+
+#[derive(Clone, Copy, PartialEq)]
+pub(super) enum Format {
+    Text,
+    Little,
+    Big,
+}
+
+/// A property: a list if it has a type for its length, and what it means to us.
+pub(super) struct Property {
+    pub length: Option<Scalar>,
+    pub kind: Scalar,
+    pub role: Role,
+    name: String,
+}
+
+#[derive(Clone, Copy, PartialEq)]
+pub(super) enum Role {
+    Axis(usize),
+    Normal(usize),
+    Corners,
+    Strips,
+    None,
+}
+
+pub(super) struct Layer {
+    pub name: String,
+    pub count: u64,
+    pub properties: Vec<Property>,
+}
+
+impl Layer {
+    /// Gives the list of corners its role.
+    fn find_list(&mut self) {
+        let role = match self.name.as_str() {
+            "face" | "faces" => Role::Corners,
+            "tristrips" | "tristrip" => Role::Strips,
+            _ => return,
+        };
+        let lists = || self.properties.iter().enumerate();
+        let is_list = |p: &Property| p.length.is_some() && p.kind.is_whole();
+        let named = lists().find(|(_, p)| {
+            p.length.is_some() && matches!(p.name.as_str(), "vertex_indices" | "vertex_index")
+        });
+        let mut others = lists().filter(|(_, p)| is_list(p));
+        let found = named.or_else(|| others.next().filter(|_| others.next().is_none()));
+        if let Some(place) = found.map(|f| f.0) {
+            self.properties[place].role = role;
+        }
+    }
+}
+
+pub(super) struct Header {
+    pub format: Format,
+    pub layers: Vec<Layer>,
+    pub unit: Option<LengthUnit>,
+}
+
+pub(super) fn header(source: &mut Source) -> Result<Header, ReadError> {
+    let mut format = None;
+    let mut layers: Vec<Layer> = Vec::new();
+    let mut unit = None;
+    if source.line()?.map(str::trim) != Some("ply") {
+        return Err(source
+            .bad("something else", "\"ply\" as the first line")
+            .with_hint("this is not a PLY file"));
+    }
+    loop {
+        let Some(line) = source.line()?.map(str::to_owned) else {
+            return Err(source
+                .bad("the end of the file", "\"end_header\"")
+                .with_hint("the file looks truncated"));
+        };
+        let words: Vec<&str> = line.split_ascii_whitespace().collect();
+        match words[..] {
+            ["end_header"] => break,
+            ["format", name, ..] => {
+                format = Some(match name {
+                    "ascii" => Format::Text,
+                    "binary_little_endian" => Format::Little,
+                    "binary_big_endian" => Format::Big,
+                    _ => {
+                        return Err(source.bad(
+                            quote(name),
+                            "ascii, binary_little_endian or binary_big_endian",
+                        ));
+                    }
+                });
+            }
+            ["comment" | "obj_info", ..] => {
+                let stated = words.iter().find_map(|w| w.strip_prefix("unit="));
+                unit = unit.or(stated.and_then(|u| u.parse().ok()));
+            }
+            ["element", name, count] => {
+                let Ok(count) = count.parse() else {
+                    return Err(source.bad(quote(count), "a number of elements"));
+                };
+                layers.push(Layer {
+                    name: name.to_owned(),
+                    count,
+                    properties: Vec::new(),
+                });
+            }
+            ["property", ..] => {
+                let Some(layer) = layers.last_mut() else {
+                    return Err(source.bad("a property", "\"element\" before it"));
+                };
+                let Some(property) = property(&words[1..], &layer.name) else {
+                    let expected = "\"property TYPE NAME\" or \"property list TYPE TYPE NAME\"";
+                    return Err(source.bad(quote(&line), expected));
+                };
+                layer.properties.push(property);
+            }
+            [] => {}
+            _ => {
+                return Err(source.bad(
+                    quote(&line),
+                    "format, comment, element, property or end_header",
+                ));
+            }
+        }
+    }
+    let Some(format) = format else {
+        return Err(source.bad("a header without \"format\"", "one of ascii and binary"));
+    };
+    layers.iter_mut().for_each(Layer::find_list);
+    Ok(Header {
+        format,
+        layers,
+        unit,
+    })
+}
+
+fn property(words: &[&str], layer: &str) -> Option<Property> {
+    let (length, kind, name) = match *words {
+        ["list", length, kind, name] => (Some(Scalar::named(length)?), Scalar::named(kind)?, name),
+        [kind, name] => (None, Scalar::named(kind)?, name),
+        _ => return None,
+    };
+    let name = name.to_ascii_lowercase();
+    let place = |names: [&str; 3]| names.iter().position(|n| *n == name);
+    let role = match (layer, length) {
+        ("vertex", None) => place(["x", "y", "z"])
+            .map(Role::Axis)
+            .or_else(|| place(["nx", "ny", "nz"]).map(Role::Normal)),
+        _ => None,
+    };
+    Some(Property {
+        length,
+        kind,
+        role: role.unwrap_or(Role::None),
+        name,
+    })
+}
+
+impl Header {
+    pub fn has(&self, role: Role) -> bool {
+        let own = |l: &Layer| l.properties.iter().any(|p| p.role == role);
+        self.layers.iter().any(own)
+    }
+
+    /// Whether any face or strip follows.
+    pub fn has_faces(&self) -> bool {
+        let lists = |l: &Layer| {
+            let list = |p: &Property| matches!(p.role, Role::Corners | Role::Strips);
+            l.count > 0 && l.properties.iter().any(list)
+        };
+        self.layers.iter().any(lists)
+    }
+}

@@ -1,0 +1,222 @@
+//! Text STL, word by word.
+//!
+//! Read are `vertex` and what ends a loop or a facet, in either case, written in one word or two, in as many or
+//! few lines as one likes. Names after `solid`, colours and comments (`#`, `;`, `//`, `!`) end with their line;
+//! lines of other words are passed over and counted.
+
+use super::{Builder, stated_unit};
+use crate::frame::Vec3;
+use crate::io::mesh_file::MeshFile;
+use crate::io::number::{self, words};
+use crate::io::{ReadError, Source};
+
+/// What a statement does.
+#[derive(Clone, Copy, PartialEq)]
+enum Word {
+    Solid,
+    Facet,
+    Normal,
+    Outer,
+    Loop,
+    Vertex,
+    EndLoop,
+    EndFacet,
+    EndSolid,
+    /// The first of two words.
+    End,
+    /// A colour or a comment: the rest of the line.
+    Remark,
+    /// A number after `normal`.
+    Number,
+    Other,
+}
+
+impl Word {
+    fn of(word: &[u8]) -> Self {
+        if let [b'0'..=b'9' | b'+' | b'-' | b'.', ..] = word {
+            return Self::Number;
+        }
+        let known: [(&[u8], Self); 16] = [
+            (b"vertex", Self::Vertex),
+            (b"facet", Self::Facet),
+            (b"normal", Self::Normal),
+            (b"outer", Self::Outer),
+            (b"loop", Self::Loop),
+            (b"endloop", Self::EndLoop),
+            (b"endfacet", Self::EndFacet),
+            (b"solid", Self::Solid),
+            (b"endsolid", Self::EndSolid),
+            (b"end", Self::End),
+            (b"end_loop", Self::EndLoop),
+            (b"end_facet", Self::EndFacet),
+            (b"end_solid", Self::EndSolid),
+            (b"color", Self::Remark),
+            (b"colour", Self::Remark),
+            (b"rgb", Self::Remark),
+        ];
+        let found = known.iter().find(|k| word.eq_ignore_ascii_case(k.0));
+        match (found, word) {
+            (Some(found), _) => found.1,
+            (None, [b'#' | b';' | b'!', ..] | [b'/', b'/', ..]) => Self::Remark,
+            _ => Self::Other,
+        }
+    }
+}
+
+/// Whether the first bytes of a file are STL in text.
+pub(super) fn is_text(head: &[u8]) -> bool {
+    let has = |what: &[u8]| {
+        head.windows(what.len())
+            .any(|w| w.eq_ignore_ascii_case(what))
+    };
+    // UTF-16 has zeros too; the reader of lines says what it is.
+    let wide = matches!(
+        head,
+        [0xff, 0xfe, ..] | [0xfe, 0xff, ..] | [b's' | b'S', 0, b'o' | b'O', 0, ..]
+    );
+    wide || !head.contains(&0) && (has(b"facet") || has(b"vertex") || has(b"solid"))
+}
+
+fn unknown(source: &Source) -> ReadError {
+    number::fault(
+        source,
+        "facet, outer loop, vertex, endloop, endfacet or endsolid",
+    )
+}
+
+/// Passes over a name, which ends where a facet begins; whether one does on the same line.
+fn name_ends<'a>(rest: &mut (impl Iterator<Item = &'a [u8]> + Clone)) -> bool {
+    let next = rest.clone().skip(1);
+    let facet = |(a, b): (&[u8], &[u8])| {
+        Word::of(a) == Word::Facet && matches!(Word::of(b), Word::Normal | Word::Outer)
+    };
+    let Some(at) = rest.clone().zip(next).position(facet) else {
+        return false;
+    };
+    if at > 0 {
+        rest.nth(at - 1);
+    }
+    true
+}
+
+/// A facet being read.
+#[derive(Default)]
+struct Facet {
+    corners: Vec<Vec3>,
+    /// Numbers of the vertex being read.
+    vertex: Option<Vec<f64>>,
+    /// Whether numbers are those of the normal, which may be none.
+    normal: bool,
+    /// Whether the last word was `end`.
+    end: bool,
+}
+
+impl Facet {
+    fn number(&mut self, source: &Source, word: &[u8]) -> Result<(), ReadError> {
+        let Some(numbers) = self.vertex.as_mut() else {
+            return Ok(());
+        };
+        let Some(x) = number::finite(word) else {
+            return Err(number::fault(source, "\"vertex\" and three finite numbers"));
+        };
+        numbers.push(x);
+        if let [x, y, z] = numbers[..] {
+            self.corners.push(Vec3::new(x, y, z));
+            self.vertex = None;
+            if self.corners.len() > 3 {
+                return Err(source.bad("a fourth vertex", "\"endloop\" after three"));
+            }
+        }
+        Ok(())
+    }
+
+    /// What a word is after `end`.
+    fn ended(&mut self, word: Word) -> Option<Word> {
+        if !std::mem::take(&mut self.end) {
+            return Some(word);
+        }
+        match word {
+            Word::Loop => Some(Word::EndLoop),
+            Word::Facet => Some(Word::EndFacet),
+            Word::Solid => Some(Word::EndSolid),
+            _ => None,
+        }
+    }
+}
+
+pub(super) fn read(mut source: Source) -> Result<MeshFile, ReadError> {
+    let mut builder = Builder::default();
+    let mut facet = Facet::default();
+    let (mut unit, mut ended, mut passed) = (None, false, 0u64);
+    while source.advance()? {
+        let line = source.current();
+        let mut rest = words(line);
+        let mut begins = true;
+        while let Some(word) = rest.next() {
+            if facet.vertex.is_some() {
+                facet.number(&source, word)?;
+                continue;
+            }
+            let first = std::mem::take(&mut begins);
+            let Some(kind) = facet.ended(Word::of(word)) else {
+                return Err(unknown(&source));
+            };
+            let normal = std::mem::take(&mut facet.normal);
+            match kind {
+                Word::Vertex => facet.vertex = Some(Vec::with_capacity(3)),
+                Word::EndLoop | Word::EndFacet => {
+                    if let [a, b, c] = facet.corners[..] {
+                        builder.add([a, b, c]);
+                        facet.corners.clear();
+                    } else if !facet.corners.is_empty() || kind == Word::EndLoop {
+                        let found = format!("{} vertices in a facet", facet.corners.len());
+                        return Err(source.bad(found, "three"));
+                    }
+                }
+                Word::Solid => {
+                    unit = unit.or_else(|| stated_unit(&String::from_utf8_lossy(line)));
+                    ended = false;
+                    if !name_ends(&mut rest) {
+                        break;
+                    }
+                }
+                Word::EndSolid => {
+                    ended = true;
+                    if !name_ends(&mut rest) {
+                        break;
+                    }
+                }
+                Word::End => facet.end = true,
+                Word::Remark => break,
+                Word::Normal => facet.normal = true,
+                Word::Facet | Word::Outer | Word::Loop => {}
+                // A normal that is none is of no account.
+                Word::Number | Word::Other if normal => facet.normal = true,
+                Word::Other if first => {
+                    passed += 1;
+                    break;
+                }
+                Word::Number | Word::Other => return Err(unknown(&source)),
+            }
+        }
+        if std::mem::take(&mut facet.end) {
+            if !facet.corners.is_empty() {
+                return Err(unknown(&source));
+            }
+            ended = true;
+        }
+    }
+    if !facet.corners.is_empty() || facet.vertex.is_some() {
+        return Err(source
+            .bad("the end of the file within a facet", "\"endloop\"")
+            .with_hint("the file looks truncated"));
+    }
+    let mut warnings = Vec::new();
+    if !ended {
+        warnings.push("no \"endsolid\": the file may be truncated".to_owned());
+    }
+    if passed > 0 {
+        warnings.push(format!("{passed} lines that are no STL; passed over"));
+    }
+    builder.finish(&source, unit, warnings)
+}

@@ -1,0 +1,121 @@
+//! Polygonal data of both formats: points, lines, polygons and triangle strips, in this order.
+
+use crate::frame::Vec3;
+use crate::io::scaffold::{DataField, FieldAt};
+use crate::io::soup::Soup;
+use crate::io::{Place, ReadError, quote};
+use crate::polymesh::Faces;
+use std::path::Path;
+
+/// The sections of a piece and the counts that go with them in XML.
+pub(super) const SECTIONS: [(&str, &str); 4] = [
+    ("Verts", "NumberOfVerts"),
+    ("Lines", "NumberOfLines"),
+    ("Polys", "NumberOfPolys"),
+    ("Strips", "NumberOfStrips"),
+];
+
+/// Where each cell's nodes end, and the nodes.
+#[derive(Default)]
+pub(super) struct Section {
+    pub count: u64,
+    pub ends: Vec<i64>,
+    pub nodes: Vec<i64>,
+}
+
+/// Polygons so far.
+#[derive(Default)]
+pub(super) struct Polygons {
+    faces: Faces,
+    /// The cell that each face is, or is cut from.
+    cells: Vec<u32>,
+    /// Points and lines.
+    skipped: usize,
+}
+
+impl Polygons {
+    /// Adds the cells of a piece; points count from `first_point`, cells from `first_cell`. How many cells they are.
+    pub fn add(
+        &mut self,
+        path: &Path,
+        sections: &[Section; 4],
+        first_point: u64,
+        first_cell: u64,
+    ) -> Result<u64, ReadError> {
+        let mut cell = first_cell;
+        let mut own: Vec<u32> = Vec::new();
+        for (section, (name, _)) in sections.iter().zip(SECTIONS) {
+            let mut start = 0;
+            for &end in &section.ends {
+                let number = cell;
+                let bad = |found: String, expected: String| {
+                    ReadError::data(path, Place::Item("cell", number), found, expected)
+                };
+                let nodes = usize::try_from(end)
+                    .ok()
+                    .and_then(|end| section.nodes.get(start..end))
+                    .ok_or_else(|| {
+                        bad(
+                            format!("nodes {start} to {end} of the connectivity of {name}"),
+                            format!("an end from {start} to {}", section.nodes.len()),
+                        )
+                    })?;
+                start += nodes.len();
+                cell += 1;
+                if matches!(name, "Verts" | "Lines") {
+                    self.skipped += 1;
+                    continue;
+                }
+                own.clear();
+                for &node in nodes {
+                    let point = u64::try_from(node).ok().map(|n| n + first_point);
+                    let Some(point) = point.and_then(|n| u32::try_from(n).ok()) else {
+                        return Err(bad(format!("point {node}"), "a number from 0".into()));
+                    };
+                    own.push(point);
+                }
+                let faces = if name == "Strips" {
+                    Soup::strip(&mut self.faces, &own)
+                } else {
+                    self.faces.push(own.iter().copied());
+                    1
+                };
+                let number = u32::try_from(number).unwrap_or(u32::MAX);
+                self.cells.extend(std::iter::repeat_n(number, faces));
+            }
+        }
+        Ok(cell - first_cell)
+    }
+
+    /// All polygons over the points; of `fields`, those of cells go over to the faces.
+    pub fn soup(
+        self,
+        path: &Path,
+        points: Vec<Vec3>,
+        fields: Vec<DataField>,
+        cells: u64,
+    ) -> Result<Soup, ReadError> {
+        let mut kept = Vec::new();
+        for mut field in fields {
+            if field.at == FieldAt::Cells {
+                let n = field.components;
+                if field.values.len() as u64 != cells.saturating_mul(n as u64) {
+                    let (name, count) = (quote(&field.name), field.values.len());
+                    let found = format!("field {name} of {count} values");
+                    let expected = format!("{n} for each of {cells} cells");
+                    return Err(ReadError::data(path, Place::File, found, expected));
+                }
+                let own = |&c: &u32| field.values[c as usize * n..(c as usize + 1) * n].to_vec();
+                field.values = self.cells.iter().flat_map(own).collect();
+            }
+            kept.push(field);
+        }
+        Ok(Soup {
+            vertices: points,
+            faces: self.faces,
+            fields: kept,
+            skipped: self.skipped,
+            ..Soup::default()
+        })
+    }
+}
