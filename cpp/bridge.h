@@ -132,6 +132,8 @@ void grid_put_leaf(Grid&, const std::array<std::int32_t, 3>& origin, const std::
                    const std::array<float, 512>& values);
 void grid_put_tile(Grid&, const std::array<std::int32_t, 3>& origin, std::int32_t edge, float value, bool active);
 GridFacts grid_facts(const Grid&);
+std::unique_ptr<Grid> grid_as_floats(const Grid&);
+void grid_scale_values(Grid&, float factor, float shift, const Host&);
 std::uint64_t grid_active_voxels(const Grid&);
 std::unique_ptr<Block> block_new(std::int32_t x, std::int32_t y, std::int32_t z, float background);
 void block_add_leaves(Block&, rust::Slice<const std::int32_t> origins, rust::Slice<const std::uint64_t> masks,
@@ -164,7 +166,6 @@ void grid_mix(Grid&, const Grid& before, const Grid& by, Range range, Smoothing 
 void grid_blend(Grid&, std::unique_ptr<Grid> operand, double radius, Smoothing how, const Host&);
 void grid_fillet(Grid&, double radius, Smoothing how, const Host&);
 void grid_prune(Grid&, const Host&);
-std::unique_ptr<Grid> grid_isosurface(const Grid&, double value, float half_width, const Host&);
 
 // csg.cc
 void grid_csg(Grid&, std::unique_ptr<Grid> operand, Csg kind, const Host&);

@@ -3,7 +3,6 @@
 
 #include <openvdb/io/Archive.h>
 #include <openvdb/io/File.h>
-#include <openvdb/tree/LeafManager.h>
 
 using namespace openvdb;
 
@@ -78,22 +77,12 @@ std::size_t file_add(FileOut& out, const Grid& handle, rust::Str name, double sc
     if (scale != 1.0) any->transform().postScale(scale);
   } else {
     const FloatGrid& source = floats(handle);
-    in_arena(host, [&] {
-      const FloatGrid::Ptr grid = source.deepCopy();
-      any = grid;
-      grid->setTransform(source.transform().copy());
-      grid->transform().postScale(scale);
-      const auto factor = static_cast<float>(scale);
-      auto tile = grid->tree().beginValueAll();
-      tile.setMaxDepth(FloatTree::ValueAllIter::LEAF_DEPTH - 1);
-      for (; tile; ++tile) tile.setValue(*tile * factor);
-      tree::LeafManager<FloatTree> leaves(grid->tree());
-      leaves.foreach([factor](Leaf& leaf, std::size_t) {
-        float* values = leaf.buffer().data();
-        for (Index n = 0; n < Leaf::SIZE; ++n) values[n] *= factor;
-      });
-      grid->tree().root().setBackground(source.background() * factor, /*updateChildNodes=*/false);
-    });
+    std::unique_ptr<Grid> copy;
+    in_arena(host, [&] { copy = wrap(source.deepCopy()); });
+    any = copy->impl->base;
+    any->setTransform(source.transform().copy());
+    any->transform().postScale(scale);
+    grid_scale_values(*copy, static_cast<float>(scale), 0, host);
   }
   any->setName(text(name));
   any->setSaveFloatAsHalf(half);

@@ -119,6 +119,11 @@ GridFacts grid_facts(const Grid& handle) {
     facts.origin[a] = origin[a];
   }
   facts.plain_transform = is_plain(base.transform());
+  for (int corner = 0; corner < 8; ++corner) {
+    const Vec3d at(corner & 1 ? 64 : 0, corner & 2 ? 64 : 0, corner & 4 ? 64 : 0);
+    const Vec3d world = base.transform().indexToWorld(at);
+    for (int a = 0; a < 3; ++a) facts.corners[3 * corner + a] = world[a];
+  }
   facts.background = std::nan("");
   if (!background_of<FloatGrid>(base, facts.background) && !background_of<DoubleGrid>(base, facts.background) &&
       !background_of<Int32Grid>(base, facts.background) && !background_of<Int64Grid>(base, facts.background))
@@ -141,6 +146,30 @@ GridFacts grid_facts(const Grid& handle) {
     facts.metadata.push_back(std::move(entry));
   }
   return facts;
+}
+
+std::unique_ptr<Grid> grid_as_floats(const Grid& handle) {
+  const auto source = gridPtrCast<DoubleGrid>(handle.impl->base);
+  if (!source) throw std::invalid_argument("the grid does not hold doubles");
+  const auto grid = FloatGrid::create(std::make_shared<FloatTree>(source->tree()));
+  grid->insertMeta(*source);
+  grid->setTransform(source->transform().copy());
+  return wrap(grid);
+}
+
+void grid_scale_values(Grid& handle, float factor, float shift, const Host& host) {
+  in_arena(host, [&] {
+    FloatTree& tree = floats(handle).tree();
+    auto tile = tree.beginValueAll();
+    tile.setMaxDepth(FloatTree::ValueAllIter::LEAF_DEPTH - 1);
+    for (; tile; ++tile) tile.setValue(*tile * factor + shift);
+    tree::LeafManager<FloatTree> leaves(tree);
+    leaves.foreach([=](Leaf& leaf, std::size_t) {
+      float* values = leaf.buffer().data();
+      for (Index n = 0; n < Leaf::SIZE; ++n) values[n] = values[n] * factor + shift;
+    });
+    tree.root().setBackground(tree.background() * factor + shift, /*updateChildNodes=*/false);
+  });
 }
 
 std::unique_ptr<Block> block_new(std::int32_t x, std::int32_t y, std::int32_t z, float background) {
@@ -187,6 +216,7 @@ void grid_attach(Grid& handle, std::unique_ptr<Block> block) {
 }
 
 void grid_flood_fill(Grid& handle, const Host& host) {
+  floats(handle).setGridClass(GRID_LEVEL_SET);  // files may leave that open
   in_arena(host, [&] { tools::signedFloodFill(floats(handle).tree()); });
 }
 

@@ -5,7 +5,6 @@
 #include <openvdb/tools/Composite.h>
 #include <openvdb/tools/Interpolation.h>
 #include <openvdb/tools/LevelSetFilter.h>
-#include <openvdb/tools/LevelSetRebuild.h>
 #include <openvdb/tools/LevelSetTracker.h>
 #include <openvdb/tools/Prune.h>
 
@@ -172,19 +171,6 @@ void grid_fillet(Grid& handle, double radius, Smoothing how, const Host& host) {
 
 void grid_prune(Grid& handle, const Host& host) {
   in_arena(host, [&] { tools::pruneLevelSet(floats(handle).tree()); });
-}
-
-std::unique_ptr<Grid> grid_isosurface(const Grid& handle, double value, float half_width, const Host& host) {
-  Interrupter interrupter(host);
-  FloatGrid::Ptr grid;
-  in_arena(host, [&] {
-    grid = tools::levelSetRebuild(floats(handle), static_cast<float>(value), half_width, half_width, nullptr,
-                                  static_cast<util::NullInterrupter*>(&interrupter));
-  });
-  if (interrupter.wasInterrupted()) throw std::runtime_error("interrupted");
-  grid->setGridClass(GRID_LEVEL_SET);
-  grid->setName("surface");
-  return wrap(grid);
 }
 
 }  // namespace druse

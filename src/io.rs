@@ -72,5 +72,5 @@ pub use scaffold::{
 };
 pub use source::{Source, quote};
 pub use stl::StlStream;
-pub use table::read_columns;
+pub use table::{ScatteredValue, column_names, read_columns, read_scattered};
 pub use vtk::write_vtu;

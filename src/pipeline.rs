@@ -31,6 +31,8 @@ mod cut_faces;
 mod decimate;
 mod error;
 mod estimate;
+mod field_data;
+mod field_grid;
 mod filling;
 mod fit_options;
 mod fractions;

@@ -58,7 +58,7 @@ pub use op::{
     Blend, DropSmall, Fillet, Flow, Hollow, Iterations, Kernel, Move, Op, Renormalise, Resample,
     Trim, UpTo,
 };
-pub use operand::{Ball, Block, Grid, Mask, Operand, Plane, Rod, Side, Single, Skin};
+pub use operand::{Ball, Block, Grid, Mask, Onto, Operand, Plane, Rod, Side, Single, Skin};
 pub use output::{
     Compression, Cut, Decimate, MesherWord, Output, OutputKind, PictureSize, Segments,
 };
@@ -73,7 +73,9 @@ pub use scaffold::{
     FillScaffold, Plate, ScaffoldSection, Shell, SphereScaffold,
 };
 pub use source::Source;
-pub use tiling::{Assignment, FieldRef, Interpolation, Outside, Share, TilingSection, Varying};
+pub use tiling::{
+    Assignment, FieldPlace, FieldRef, Interpolation, Outside, Share, TilingSection, Varying,
+};
 
 /// The version of the recipe's words that this program reads.
 pub const VERSION: i64 = 1;

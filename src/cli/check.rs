@@ -6,7 +6,7 @@ use crate::frame::{LengthUnit, figures, place_figures};
 use crate::io::{BeamCap, BeamPart, SolidFile, read_solid};
 use crate::mesh::MeshReport;
 use crate::progress::Threads;
-use crate::vdb;
+use crate::vdb::{self, Adopted, FileError, GridInfo};
 use clap::Args;
 use serde_json::{Value, json};
 use std::fmt::Write;
@@ -185,6 +185,89 @@ pub(super) fn mesh_facts(path: &Path, r: &MeshReport) -> Value {
     facts
 }
 
+/// Whether a grid is a level set, or looks like one whose class is not stated.
+fn may_be_level_set(grid: &GridInfo) -> bool {
+    let has_both_signs = grid
+        .values
+        .is_some_and(|[low, high]| low < 0.0 && high > 0.0);
+    match grid.class.as_str() {
+        "level set" => true,
+        "unknown" => has_both_signs && grid.background.is_some_and(|b| b != 0.0),
+        _ => false,
+    }
+}
+
+/// A level set that no command takes as it is.
+fn refused(error: &FileError, grid: &GridInfo, text: &mut String) -> Value {
+    let message = error.to_string();
+    let problem = message
+        .split_once(&format!("grid {:?} has ", grid.name))
+        .map_or(message.as_str(), |m| m.1);
+    let hint = error.hint().unwrap_or_default();
+    let _ = writeln!(
+        text,
+        "grid {:?}: {}: NOT sound\n  {problem}\n  hint: {hint}",
+        grid.name, grid.class
+    );
+    json!({ "name": grid.name, "problems": [problem], "hint": hint })
+}
+
+/// Checks one level set: what is found as text and as an object.
+fn level_set(
+    adopted: &Adopted,
+    (grid, unit): (&GridInfo, &str),
+    text: &mut String,
+    session: vdb::Session<'_>,
+) -> Result<Value, Failure> {
+    let mut check = adopted.solid.check(session)?;
+    if let Some(at) = check.torn_at.filter(|_| !grid.cubic) {
+        check.torn_at = Some(grid.index_map().world(at.into()).into());
+    }
+    let mut problems = check.problems();
+    if !grid.cubic {
+        problems.push(format!(
+            "{}, which are no cubes along the axes: commands take it with --resample",
+            grid.shape()
+        ));
+    }
+    let voxel = if grid.cubic {
+        format!("voxel {} {unit}", check.voxel_size)
+    } else {
+        format!("{} {unit}", grid.shape())
+    };
+    let _ = writeln!(
+        text,
+        "grid {:?}: {}, {voxel}, band of {:.3} voxels, {} active voxels: {}",
+        grid.name,
+        grid.class,
+        check.half_width,
+        super::run::grouped(check.active_voxels),
+        if problems.is_empty() {
+            "sound"
+        } else {
+            "NOT sound"
+        }
+    );
+    for line in problems.iter().chain(&adopted.notes) {
+        let _ = writeln!(text, "  {line}");
+    }
+    let [inside, outside] = check.known_widths;
+    if inside.min(outside) < check.half_width {
+        let _ = writeln!(
+            text,
+            "  band of {inside:.3} voxels inside and {outside:.3} outside: operations rebuild it first"
+        );
+    }
+    let mut facts = serde_json::to_value(&check).unwrap_or_default();
+    if !grid.cubic {
+        facts["voxel_size"] = json!(grid.voxel_size);
+    }
+    facts["name"] = json!(grid.name);
+    facts["problems"] = json!(problems);
+    facts["notes"] = json!(adopted.notes);
+    Ok(facts)
+}
+
 fn level_sets(p: &Parameters, threads: &Threads, shown: &Session) -> Result<Answer, Failure> {
     let (path, session) = (&p.file, vdb::Session::new(threads, shown));
     let require = p.require.read()?;
@@ -194,44 +277,29 @@ fn level_sets(p: &Parameters, threads: &Threads, shown: &Session) -> Result<Answ
     let mut text = format!("{}\n", path.display());
     let (mut passed, mut grids) = (true, Vec::new());
     for grid in &info.grids {
-        if grid.class != "level set" {
+        if !may_be_level_set(grid) {
             let _ = writeln!(text, "grid {:?}: {}, not checked", grid.name, grid.class);
+            for note in &grid.notes {
+                let _ = writeln!(text, "  {note}");
+            }
             continue;
         }
-        let solid = super::vdb::level_set(path, Some(&grid.name), session)?;
-        let check = solid.check(session)?;
-        let problems = check.problems();
-        passed &= problems.is_empty();
-        let _ = writeln!(
-            text,
-            "grid {:?}: level set, voxel {} {unit}, band of {:.3} voxels, {} active voxels: {}",
-            grid.name,
-            check.voxel_size,
-            check.half_width,
-            super::run::grouped(check.active_voxels),
-            if problems.is_empty() {
-                "sound"
-            } else {
-                "NOT sound"
+        let facts = match super::vdb::unchecked(path, &grid.name, session)? {
+            Ok(adopted) => {
+                let facts = level_set(&adopted, (grid, &unit), &mut text, session)?;
+                if let Some(require) = require.as_ref().filter(|_| requirements.is_empty()) {
+                    let part = (path.as_path(), &adopted.solid, unit.as_str());
+                    requirements = super::require::of_level_set(require, part, threads, shown)?;
+                }
+                facts
             }
-        );
-        for problem in &problems {
-            let _ = writeln!(text, "  {problem}");
-        }
-        let [inside, outside] = check.known_widths;
-        if inside.min(outside) < check.half_width {
-            let _ = writeln!(
-                text,
-                "  band of {inside:.3} voxels inside and {outside:.3} outside: operations rebuild it first"
-            );
-        }
-        let mut facts = serde_json::to_value(&check).unwrap_or_default();
-        facts["name"] = json!(grid.name);
-        facts["problems"] = json!(problems);
-        if let Some(require) = require.as_ref().filter(|_| requirements.is_empty()) {
-            let part = (path.as_path(), &solid, unit.as_str());
-            requirements = super::require::of_level_set(require, part, threads, shown)?;
-        }
+            Err(e) if grid.class == "level set" => refused(&e, grid, &mut text),
+            Err(_) => {
+                let _ = writeln!(text, "grid {:?}: {}, not checked", grid.name, grid.class);
+                continue;
+            }
+        };
+        passed &= facts["problems"].as_array().is_some_and(Vec::is_empty);
         grids.push(facts);
     }
     if grids.is_empty() {

@@ -256,7 +256,7 @@ impl From<ReadError> for Failure {
 
 impl From<FileError> for Failure {
     fn from(e: FileError) -> Self {
-        let message = e.to_string();
+        let (message, hint) = (e.to_string(), e.hint());
         let (code, file) = match e {
             FileError::Cancelled(_) => return Self::stopped(130),
             FileError::Io { path, source } if source.kind() == std::io::ErrorKind::NotFound => {
@@ -279,6 +279,7 @@ impl From<FileError> for Failure {
             code,
             message: without(&file, message),
             file: Some(file.display().to_string()),
+            hint,
             ..Self::default()
         }
     }

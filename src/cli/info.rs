@@ -2,6 +2,7 @@
 
 use super::kind::FileKind;
 use super::{Answer, Failure, Session};
+use crate::frame::{Aabb, Vec3};
 use crate::io::{read_cell, read_solid};
 use crate::recipe::Recipe;
 use crate::vdb::FileInfo;
@@ -137,10 +138,15 @@ fn vdb_screen(path: &Path, info: &FileInfo) -> String {
         super::run::size(info.bytes)
     );
     for g in &info.grids {
-        let voxel = g.voxel_size[0];
+        let map = g.index_map();
+        let voxel = if g.cubic {
+            format!("voxel {}", g.voxel_size[0])
+        } else {
+            g.shape()
+        };
         let _ = writeln!(
             text,
-            "grid {:?}: {}, {}, voxel {voxel} {unit}",
+            "grid {:?}: {}, {}, {voxel} {unit}",
             g.name, g.class, g.grid_type
         );
         let _ = writeln!(
@@ -152,21 +158,34 @@ fn vdb_screen(path: &Path, info: &FileInfo) -> String {
             if g.half { ", half floats" } else { "" }
         );
         if let Some([min, max]) = g.bbox {
-            let world = |i: [i32; 3]| [0, 1, 2].map(|a| f64::from(i[a]) * voxel + g.origin[a]);
+            let corners = (0..8u8).map(|c| {
+                map.world(Vec3::from_fn(|a, _| {
+                    f64::from(if c >> a & 1 == 1 { max[a] } else { min[a] })
+                }))
+            });
+            let b = Aabb::of(corners);
             let _ = writeln!(
                 text,
                 "  voxels {min:?} to {max:?}, {:?} to {:?} {unit}",
-                world(min),
-                world(max)
+                <[f64; 3]>::from(b.min),
+                <[f64; 3]>::from(b.max)
             );
         }
-        if let Some(background) = g.background {
+        if let Some([low, high]) = g.values {
+            let _ = writeln!(text, "  active values {low} to {high}");
+        }
+        if let Some(background) = g.background.filter(|_| g.class == "level set" && g.cubic) {
             let _ = writeln!(
                 text,
                 "  background {} {unit} ({:.3} voxels)",
                 background as f32,
-                background / voxel
+                background / g.voxel_size[0]
             );
+        } else if let Some(background) = g.background {
+            let _ = writeln!(text, "  background {}", background as f32);
+        }
+        for note in &g.notes {
+            let _ = writeln!(text, "  note: {note}");
         }
         for (key, value) in &g.metadata {
             if key.starts_with("druse.") && key != "druse.recipe" {

@@ -109,7 +109,9 @@ fn picture(
         return Ok((solid.render(&view, tools)?, None));
     };
     FileKind::of(path, &[FileKind::Vdb])?;
-    let grid = super::vdb::reader()?.fetch(path, Some(name))?;
+    let grid = super::vdb::reader()?
+        .fetch(path, Some(name))?
+        .whole_cubes(path)?;
     let (image, range) = solid.render_by(&view, &grid, tools)?;
     Ok((image, Some(range)))
 }

@@ -3,7 +3,7 @@
 
 use super::{Failure, Session};
 use crate::vdb::isolate::{self, Program};
-use crate::vdb::{self, FileInfo, LevelSet};
+use crate::vdb::{self, Adopted, Cubes, FileError, FileInfo, GridReading, LevelSet};
 use clap::{Args, ValueEnum};
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -63,17 +63,39 @@ pub(super) fn inspect(path: &Path) -> Result<FileInfo, Failure> {
 }
 
 /// The level set of a file, read by a child: `surface`, or the only one, or the one of this name; of a
-/// fog volume the surface of half density.
+/// fog volume the surface of half density; of voxels that are no cubes a level set on cubes.
 pub(super) fn level_set(
     path: &Path,
     name: Option<&str>,
     session: vdb::Session<'_>,
 ) -> Result<LevelSet, Failure> {
     let volume = reader()?.fetch(path, name)?;
-    if volume.info().class == "fog volume" {
-        return Ok(volume.isosurface(0.5, 3.0, session)?);
+    let how = GridReading {
+        cubes: Cubes::Edge(volume.info().cube_edge()),
+        ..GridReading::default()
+    };
+    Ok(volume.solid(path, &how, session)?.solid)
+}
+
+/// A level set of a file as it stands, and what was mended, for a check: its surface may be torn, and voxels that
+/// are no cubes are counted in their own numbers. Inside: why it is none.
+pub(super) fn unchecked(
+    path: &Path,
+    name: &str,
+    session: vdb::Session<'_>,
+) -> Result<Result<Adopted, FileError>, Failure> {
+    let how = GridReading {
+        cubes: Cubes::Numbers,
+        allow_torn: true,
+        ..GridReading::default()
+    };
+    match reader()?
+        .fetch(path, Some(name))?
+        .solid(path, &how, session)
+    {
+        Err(e @ FileError::NotALevelSet { .. }) => Ok(Err(e)),
+        other => Ok(Ok(other?)),
     }
-    Ok(volume.into_level_set(path, session)?)
 }
 
 /// Looks into voxels that a cell is made from, if they are a `.vdb`, by a child.

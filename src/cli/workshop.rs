@@ -21,6 +21,13 @@ pub(super) struct GridChoice {
     /// Unit of the file's lengths [default: what the file says, else m].
     #[arg(long)]
     pub unit: Option<LengthUnit>,
+    /// Bring a grid that is turned, mirrored, sheared, stretched or a frustum onto cubes: as fine as its voxels, or
+    /// of this edge, as in --resample=0.1mm (bare in the file's unit).
+    #[arg(long, value_name = "LENGTH", num_args = 0..=1, require_equals = true)]
+    pub resample: Option<Option<Size>>,
+    /// Exchange inside and outside of a level set that is inside out, negative outside.
+    #[arg(long)]
+    pub invert: bool,
 }
 
 /// A recipe in the making.
@@ -76,21 +83,29 @@ impl Draft {
         let volume = super::vdb::reader()?.fetch(path, name)?;
         let own = || volume.meta("druse.unit").and_then(|u| u.parse().ok());
         let unit = choice.unit.or_else(own).unwrap_or(LengthUnit::Metre);
-        let info = volume.info();
-        let voxel = info.voxel_size[0];
-        let own = info.background.filter(|_| info.class == "level set");
-        let width = own.map_or(3.0, |background| background / voxel);
+        let (edge, width) = volume.voxels();
         let width = if (1.5..=64.0).contains(&width) {
             width
         } else {
             3.0
         };
-        let mut draft = Self::new(unit, Value::Float(voxel), width);
+        let voxel = match choice.resample {
+            Some(Some(size)) => length(size),
+            _ => Value::Float(edge),
+        };
+        let mut draft = Self::new(unit, voxel.clone(), width);
+        let resample = match choice.resample {
+            Some(Some(_)) => Some(voxel),
+            Some(None) => Some(Value::Boolean(true)),
+            None => None,
+        };
         let source = table([
             ("path", Some(path_value(path)?)),
             ("grid", choice.grid.clone().map(Value::String)),
             ("value", choice.value.map(Value::Float)),
             ("unit", Some(Value::String(unit.symbol().into()))),
+            ("resample", resample),
+            ("invert", choice.invert.then_some(Value::Boolean(true))),
         ]);
         draft.operation("union", table([("vdb", Some(source))]));
         draft.opened = Some(Opened::new(path, name, volume));

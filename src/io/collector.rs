@@ -166,24 +166,41 @@ impl<'a> Collector<'a> {
             elements.push(kind, &renumbered[..own.len()]);
         }
         let skipped = self.skipped + self.elements.len() - kept.len();
+        let unused_nodes = self.points.len() - nodes.len();
         let twins = self.twins(&nodes, &elements, &kept)?;
         if !twins.is_empty() {
             let mut first = Connectivity::default();
             let mut remaining = Vec::new();
+            // Nodes of twins alone go with them.
+            let mut again = vec![u32::MAX; nodes.len()];
+            let (all_nodes, all_places) = (nodes, node_places);
+            (nodes, node_places) = (Vec::new(), Vec::new());
             for (place, &e) in kept.iter().enumerate() {
                 // A twin is merged into an element before it.
                 new_place[e] = twins
                     .get(&(place as u32))
                     .map_or(remaining.len() as u32, |of| new_place[kept[*of as usize]]);
-                if !twins.contains_key(&(place as u32)) {
-                    first.push(elements.kind(place), elements.nodes(place));
-                    remaining.push(e);
+                if twins.contains_key(&(place as u32)) {
+                    continue;
                 }
+                let own = elements.nodes(place).iter().map(|&n| {
+                    let new = &mut again[n as usize];
+                    if *new == u32::MAX {
+                        *new = nodes.len() as u32;
+                        nodes.push(all_nodes[n as usize]);
+                        node_places.push(all_places[n as usize]);
+                    }
+                    *new
+                });
+                let own: Vec<u32> = own.collect();
+                first.push(elements.kind(place), &own);
+                remaining.push(e);
             }
             (elements, kept) = (first, remaining);
         }
-        let unused_nodes = self.points.len() - nodes.len();
         let fields = self.kept_fields(&node_places, &kept)?;
+        let node_numbers = node_places.iter().map(|&n| self.point_numbers[n]);
+        let node_numbers: Vec<u64> = node_numbers.collect();
         let numbers: Vec<u64> = kept.iter().map(|&e| self.element_numbers[e]).collect();
         let named: BTreeMap<i64, &String> = self.names.iter().map(|(n, &i)| (i, n)).collect();
         let groups = self
@@ -218,6 +235,7 @@ impl<'a> Collector<'a> {
                 unused_nodes,
                 notes: self.notes,
                 warnings: self.warnings,
+                node_numbers,
             }));
         }
         let scaffold = Scaffold::new(nodes, elements)
@@ -231,6 +249,7 @@ impl<'a> Collector<'a> {
             unused_nodes,
             notes: self.notes,
             warnings: self.warnings,
+            node_numbers,
         })))
     }
 

@@ -7,9 +7,9 @@
 //! - **Passed over**: keywords known to say nothing of geometry. Elements without volume or surface (beams,
 //!   springs, masses) are counted and left out.
 //! - **Refused by name**: keywords and parameters that make or move geometry in other ways, element
-//!   types without a meaning here, data before the first keyword, and unknown keywords one letter
-//!   away from one that is read. Other unknown keywords are passed over with a warning that names them, since
-//!   both programs gain keywords every year and nearly none of them is about geometry.
+//!   types without a meaning here, and unknown keywords one letter away from one that is read. Other unknown
+//!   keywords are passed over with a warning that names them: both programs gain keywords every year, and
+//!   nearly none of them is about geometry.
 //!
 //! Abaqus numbers the nodes of its elements as VTK does but for C3D27.
 
@@ -91,6 +91,8 @@ struct Deck<'a> {
     system: Option<Motion>,
     made: Made,
     files: usize,
+    /// Lines before the first keyword, and the first of them.
+    stray: (usize, String),
     /// Keywords of no table and how often.
     unknown: BTreeMap<String, usize>,
 }
@@ -110,10 +112,22 @@ pub fn read(path: &Path) -> Result<ElementFile, ReadError> {
         system: None,
         made: Made::default(),
         files: 0,
+        stray: (0, String::new()),
         unknown: BTreeMap::new(),
     };
     deck.file(path, 0)?;
+    if matches!(deck.section, Section::Start) {
+        let expected = "keywords such as *NODE and *ELEMENT";
+        let error = ReadError::data(path, Place::File, "no keyword", expected);
+        return Err(error.with_hint("is this an Abaqus or CalculiX deck?"));
+    }
     let mut collector = Collector::new(path);
+    if deck.stray.0 > 0 {
+        collector.warnings.push(format!(
+            "{} lines before the first keyword are passed over: {}",
+            deck.stray.0, deck.stray.1
+        ));
+    }
     for (name, count) in deck.unknown {
         collector.warnings.push(format!(
             "the unknown keyword *{name} is passed over ({count} times)"
@@ -253,10 +267,10 @@ impl Deck<'_> {
         match &section {
             Section::Passed => {}
             Section::Start => {
-                let expected = "a keyword, such as *NODE";
-                return Err(source
-                    .bad(quote(line), expected)
-                    .with_hint("is this an Abaqus deck?"));
+                if self.stray.0 == 0 {
+                    self.stray.1 = quote(line);
+                }
+                self.stray.0 += 1;
             }
             Section::Nodes(coordinates, set) => {
                 let words = fields(line);
@@ -383,6 +397,9 @@ impl Deck<'_> {
 
     /// Uses what the section gathered.
     fn end_of_section(&mut self, source: &Source) -> Result<(), ReadError> {
+        if matches!(self.section, Section::Start) {
+            return Ok(());
+        }
         let rows = std::mem::take(&mut self.rows);
         match std::mem::replace(&mut self.section, Section::Passed) {
             Section::Elements(kinds, _) if !self.pending.is_empty() => {

@@ -84,8 +84,10 @@ pub fn sniff(head: &[u8]) -> Option<(&'static str, &'static str)> {
         Some(("a PLY file", "ply"))
     } else if starts("PK\x03\x04") {
         Some(("a zip archive", "3mf"))
-    } else if starts("$MeshFormat") || starts("$Comments") {
+    } else if starts("$MeshFormat") || starts("$Comments") || starts("$NOD") {
         Some(("a Gmsh mesh", "msh"))
+    } else if starts("MeshVersionFormatted") {
+        Some(("a Medit mesh", "mesh"))
     } else if starts("# vtk DataFile") {
         Some(("a legacy VTK file", "vtk"))
     } else if has("<VTKFile") {

@@ -84,6 +84,7 @@ const HIGH_ORDER: [(u32, u8, u8, &str); 41] = [
 ];
 
 /// What an element type means to us.
+#[derive(Clone, Copy)]
 enum Type {
     Known(Kind),
     /// A point, a line or a surface of higher order, of this many nodes.

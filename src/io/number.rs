@@ -2,6 +2,10 @@
 
 use super::{ReadError, Source, quote};
 
+/// What to do about decimal commas.
+pub(super) const COMMA: &str =
+    "decimals begin with a point, not with a comma: write the file again so";
+
 /// A number; `None` if the word is none. What it says need not be finite.
 pub(super) fn real(word: &[u8]) -> Option<f64> {
     let text = std::str::from_utf8(word).ok()?;
@@ -32,7 +36,7 @@ pub(super) fn fault(source: &Source, expected: &str) -> ReadError {
     let error = source.bad(quote(&line), expected);
     let comma = |w: &[u8]| w[0].is_ascii_digit() && w[1] == b',' && w[2].is_ascii_digit();
     if line.as_bytes().windows(3).any(comma) {
-        error.with_hint("decimals begin with a point, not with a comma: write the file again so")
+        error.with_hint(COMMA)
     } else {
         error
     }

@@ -121,7 +121,7 @@ pub(super) fn read_marked(mut source: Source) -> Result<(Soup, Marks), ReadError
                 now.color = color;
             }
             b"l" | b"p" => soup.skipped += 1,
-            [b'#', ..] => {
+            [b'#', ..] | [b'/', b'/', ..] => {
                 let stated = rest.find_map(|w| std::str::from_utf8(w).ok()?.strip_prefix("unit="));
                 soup.unit = soup.unit.or(stated.and_then(|u| u.parse().ok()));
             }

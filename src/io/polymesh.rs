@@ -3,6 +3,7 @@
 
 use super::atomic::write_bytes;
 use super::mesh_file::read_soup;
+use super::scaffold::ELEMENT_FORMATS;
 use super::soup::Soup;
 use super::{Place, ReadError, WriteError, dlfl, mtl, obj_groups, write_mesh};
 use crate::frame::{LengthUnit, Vec3};
@@ -35,13 +36,17 @@ pub fn read_polymesh(path: impl AsRef<Path>, options: &LoadOptions) -> Result<Lo
     let draft = match extension.as_str() {
         "obj" => obj_groups::read(path, options)?,
         "dlfl" => dlfl::read(path, options)?,
-        "stl" | "ply" | "off" | "3mf" | "vtp" | "vtk" | "vtu" | "msh" | "inp" => {
+        // A script that loads itself would never end.
+        other if other != "crystal" && ELEMENT_FORMATS.contains(&other) => {
             Draft::of_soup(read_soup(path)?, path)?
         }
         _ => {
             let found = format!("the extension {extension:?}");
-            let expected =
-                "one of .obj, .dlfl, .stl, .ply, .off, .3mf, .vtp, .vtk, .vtu, .msh, .inp";
+            let others = ELEMENT_FORMATS
+                .iter()
+                .filter(|e| !["obj", "dlfl", "crystal"].contains(e));
+            let others: Vec<String> = others.map(|e| format!(", .{e}")).collect();
+            let expected = format!("one of .obj, .dlfl{}", others.concat());
             std::fs::metadata(path).map_err(|e| ReadError::io(path, e))?;
             return Err(ReadError::data(path, Place::File, found, expected));
         }

@@ -53,6 +53,8 @@ pub struct ScaffoldFile {
     pub notes: Vec<String>,
     /// What looks wrong in the file.
     pub warnings: Vec<String>,
+    /// The file's number of each node of the scaffold.
+    pub node_numbers: Vec<u64>,
 }
 
 /// A surface and what its file said beside it.
@@ -72,6 +74,8 @@ pub struct SurfaceFile {
     pub notes: Vec<String>,
     /// What looks wrong in the file.
     pub warnings: Vec<String>,
+    /// The file's number of each node of the surface.
+    pub node_numbers: Vec<u64>,
 }
 
 /// What a file of elements holds: solids if there are any, else a surface.

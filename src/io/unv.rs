@@ -9,7 +9,7 @@ mod table;
 
 use super::collector::Collector;
 use super::scaffold::{ElementFile, KINDS_READ};
-use super::{Place, ReadError, Source, quote};
+use super::{Place, ReadError, Source, number, quote};
 use std::collections::HashMap;
 use std::path::Path;
 use table::{BEAMS, ELEMENTS, LINES};
@@ -93,9 +93,8 @@ impl File<'_> {
         let mut at = [0.0; 3];
         let mut count = 0;
         for word in words {
-            // `1.0D+00` is Fortran's way to write 1.
-            let read = word.replace(['D', 'd'], "e").parse();
-            let value = read.map_err(|_| self.source.bad(quote(word), "a coordinate"))?;
+            let value = number::real(word.as_bytes())
+                .ok_or_else(|| self.source.bad(quote(word), "a coordinate"))?;
             if let Some(c) = at.get_mut(count) {
                 *c = value;
             }

@@ -162,12 +162,12 @@ impl Fill {
     ) -> Result<Vec<f64>, RunError> {
         match varying {
             Varying::Field(field)
-                if field.outside == Outside::Error
+                if field.outside == Some(Outside::Error)
                     && self.interpolation == Interpolation::Smooth =>
             {
                 setting.values(inputs, varying, self.loaded.scaffold.nodes())?;
                 let on = FieldRef {
-                    outside: Outside::Nearest,
+                    outside: Some(Outside::Nearest),
                     ..field.clone()
                 };
                 setting.values(inputs, &Varying::Field(on), &self.places)

@@ -443,6 +443,8 @@ impl Warning {
     pub const THICKNESS: &'static str = "W115";
     /// W116: a graph that stays fitted though a thickness in units of length is asked.
     pub const SECTION: &'static str = "W116";
+    /// W117: a grid of a file that is not quite what it says, and what was made of it.
+    pub const GRID: &'static str = "W117";
 }
 
 fn corners<S: serde::Serializer>(b: &Aabb, s: S) -> Result<S::Ok, S::Error> {

@@ -388,16 +388,18 @@ fn sized(
         };
     };
     if let Varying::Field(field) = thickness
-        && field.outside == Outside::Error
+        && field.outside == Some(Outside::Error)
     {
         // Struts on the boundary may lie a hair beyond what the nodes span.
         setting.values(inputs, thickness, scaffold.nodes())?;
     }
     let thickness = match thickness {
-        Varying::Field(field) if field.outside == Outside::Error => Varying::Field(FieldRef {
-            outside: Outside::Nearest,
-            ..field.clone()
-        }),
+        Varying::Field(field) if field.outside == Some(Outside::Error) => {
+            Varying::Field(FieldRef {
+                outside: Some(Outside::Nearest),
+                ..field.clone()
+            })
+        }
         other => other.clone(),
     };
     let refused = |d: f64, p: Vec3| {

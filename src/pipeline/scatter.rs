@@ -38,14 +38,29 @@ impl Scatter {
 
     /// The mean of the nearest values, weighted by the inverse square of their distance.
     pub fn mean(&self, p: Vec3, values: &[f64]) -> Option<f64> {
-        let near = self.near(p, NEIGHBOURS);
-        let first = near.first()?;
+        let (near, weights) = self.weighted(p)?;
+        let sum: f64 = near.iter().map(|n| values[n.0 as usize] * n.1).sum();
+        Some(sum / weights)
+    }
+
+    /// The nearest points and their shares of a value there; `None` where there are no points.
+    pub fn shares(&self, p: Vec3) -> Option<Vec<(u32, f64)>> {
+        let (mut near, weights) = self.weighted(p)?;
+        near.iter_mut().for_each(|n| n.1 /= weights);
+        Some(near)
+    }
+
+    /// The nearest points with the inverse squares of their distances, and the sum of these; one point alone where
+    /// it stands there.
+    fn weighted(&self, p: Vec3) -> Option<(Vec<(u32, f64)>, f64)> {
+        let mut near = self.near(p, NEIGHBOURS);
+        let first = *near.first()?;
         let tiny = 1e-18 * self.bounds.size().norm_squared();
         if first.1 <= tiny {
-            return Some(values[first.0 as usize]);
+            return Some((vec![(first.0, 1.0)], 1.0));
         }
-        let weights: f64 = near.iter().map(|n| 1.0 / n.1).sum();
-        let sum: f64 = near.iter().map(|n| values[n.0 as usize] / n.1).sum();
-        Some(sum / weights)
+        near.iter_mut().for_each(|n| n.1 = 1.0 / n.1);
+        let weights = near.iter().map(|n| n.1).sum();
+        Some((near, weights))
     }
 }

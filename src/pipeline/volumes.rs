@@ -1,13 +1,13 @@
 //! Grids of OpenVDB files that a run reads: solids to combine with, masks, and the solid it starts from.
 
 use super::error::RunError;
-use super::inputs::{Inputs, frame_map};
+use super::inputs::Inputs;
 use super::report::Warning;
-use crate::frame::{Aabb, LengthUnit, Mat3, Vec3, WorldPoint};
+use crate::frame::{Aabb, LengthUnit, Vec3};
 use crate::progress::{Progress, Threads};
-use crate::recipe::{FileFrame, Grid, Mask, Op, Operand, Recipe, Scale, Similarity};
+use crate::recipe::{Grid, Mask, Onto, Op, Operand, Recipe, Scale, Similarity};
 use crate::vdb::isolate::Program;
-use crate::vdb::{FileError, LevelSet, Placement, Sampled, Session, Volume};
+use crate::vdb::{Cubes, FileError, GridReading, LevelSet, Placement, Sampled, Session, Volume};
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -18,9 +18,6 @@ pub(super) struct Volumes {
     masks: BTreeMap<String, Volume>,
     start: Option<LevelSet>,
 }
-
-/// Value on the surface of a fog.
-const FOG: f64 = 0.5;
 
 impl Volumes {
     pub fn load(
@@ -35,7 +32,8 @@ impl Volumes {
             let key = format!("op.{n}");
             if let Some(mask) = op.mask() {
                 let path = recipe.resolve(&mask.path);
-                let volume = fetch(inputs.reader, &path, mask.grid.as_deref())?;
+                let volume =
+                    fetch(inputs.reader, &path, mask.grid.as_deref())?.whole_cubes(&path)?;
                 let factor = unit_of(&volume, mask.unit.map(|u| u.0)).to(recipe.unit());
                 let stage = format!("{key}.{}.mask", op.name());
                 let volume = volume
@@ -56,10 +54,21 @@ impl Volumes {
                 None => fetch(inputs.reader, &path, name)?,
             };
             let unit = unit_of(&volume, grid.unit.map(|u| u.0));
-            let solid =
-                level_set(recipe, grid, volume, &path, session).map_err(|e| e.at(&stage))?;
-            let failed = RunError::level_set(&stage);
             let own = placement(&grid.transform, unit.to(recipe.unit()));
+            let failed = RunError::level_set(&stage);
+            // The operation that follows may ask for other voxels as well as the grid's own key.
+            let is_resampled = matches!(recipe.sections().op.get(n + 1), Some(Op::Resample(_)));
+            let how = reading(recipe, grid, own.scale, is_resampled);
+            let adopted = volume.solid(&path, &how, session)?;
+            for note in adopted.notes {
+                let name = name.map_or_else(String::new, |n| format!(", grid {n:?}"));
+                let message = format!("{stage}: {}{name}: {note}", path.display());
+                inputs.warn(Warning::GRID, message)?;
+            }
+            let mut solid = adopted.solid;
+            if how.value.is_none() {
+                solid.even_band(session).map_err(&failed)?;
+            }
             let starts = n == 0
                 && recipe.sections().scaffold.is_none()
                 && matches!(op, Op::Union(_))
@@ -107,70 +116,12 @@ impl Volumes {
     }
 }
 
-/// Whether a path names a file of OpenVDB grids.
-pub(super) fn has_volume(path: &Path) -> bool {
-    path.extension()
-        .is_some_and(|e| e.eq_ignore_ascii_case("vdb"))
-}
-
-/// A grid of floats as a field of the recipe's space.
-pub(super) struct FieldGrid {
-    volume: Volume,
-    /// From the recipe's space to the file's.
-    inward: Mat3,
-    origin: Vec3,
-    bounds: Aabb,
-}
-
-impl FieldGrid {
-    /// Reads a grid by its name.
-    pub fn read(
-        inputs: &Inputs,
-        file: &FileFrame,
-        path: &Path,
-        name: &str,
-    ) -> Result<Self, RunError> {
-        let volume = fetch(inputs.reader, path, Some(name))?;
-        let unit = unit_of(&volume, file.unit.map(|u| u.0));
-        let map = frame_map(file, Some(unit), inputs.recipe.unit());
-        let origin = map(Vec3::zeros());
-        let outward =
-            Mat3::from_columns(&[Vec3::x(), Vec3::y(), Vec3::z()].map(|e| map(e) - origin));
-        let info = volume.info();
-        let [low, high] = info.bbox.unwrap_or_default();
-        let corner = |v: [i32; 3]| {
-            let at = Vec3::from(v.map(f64::from)).component_mul(&Vec3::from(info.voxel_size));
-            at + Vec3::from(info.origin)
-        };
-        let (low, high) = (corner(low), corner(high));
-        let corners = (0..8u8).map(|c| {
-            map(Vec3::from_fn(|a, _| {
-                if c >> a & 1 == 1 { high[a] } else { low[a] }
-            }))
-        });
-        Ok(Self {
-            bounds: Aabb::of(corners),
-            volume,
-            inward: outward.try_inverse().unwrap_or_default(),
-            origin,
-        })
-    }
-
-    /// The box around its active voxels.
-    pub fn bounds(&self) -> Aabb {
-        self.bounds
-    }
-
-    /// The value at a point.
-    pub fn at(&self, p: Vec3) -> f64 {
-        let inner = WorldPoint(self.inward * (p - self.origin));
-        let found = self.volume.samples(&[inner]);
-        found.map_or(f64::NAN, |v| f64::from(v[0]))
-    }
-}
-
 /// A grid of floats, by way of a child process where there is one.
-fn fetch(reader: Option<&Program>, path: &Path, name: Option<&str>) -> Result<Volume, FileError> {
+pub(super) fn fetch(
+    reader: Option<&Program>,
+    path: &Path,
+    name: Option<&str>,
+) -> Result<Volume, FileError> {
     match reader {
         Some(program) => program.fetch(path, name),
         None => Volume::read(path, name),
@@ -178,55 +129,27 @@ fn fetch(reader: Option<&Program>, path: &Path, name: Option<&str>) -> Result<Vo
 }
 
 /// The unit of a file's lengths: as told, by its own word, or metres.
-fn unit_of(volume: &Volume, told: Option<LengthUnit>) -> LengthUnit {
+pub(super) fn unit_of(volume: &Volume, told: Option<LengthUnit>) -> LengthUnit {
     let own = || volume.meta("druse.unit").and_then(|u| u.parse().ok());
     told.or_else(own).unwrap_or(LengthUnit::Metre)
 }
 
-/// What a volume could not become, before its stage is known.
-enum Unfit {
-    File(FileError),
-    Tool(crate::vdb::VdbError),
-}
-
-impl Unfit {
-    fn at(self, stage: &str) -> RunError {
-        match self {
-            Self::File(e) => e.into(),
-            Self::Tool(e) => RunError::level_set(stage)(e),
-        }
-    }
-}
-
-fn level_set(
-    recipe: &Recipe,
-    grid: &Grid,
-    volume: Volume,
-    path: &Path,
-    session: Session<'_>,
-) -> Result<LevelSet, Unfit> {
-    let half_width = recipe.sections().band.half_width.0;
-    let class = volume.info().class.clone();
-    let value = match (grid.value, class.as_str()) {
-        (Some(value), _) => value.0,
-        (None, "fog volume") => FOG,
-        (None, "level set") => {
-            let mut solid = volume.into_level_set(path, session).map_err(Unfit::File)?;
-            solid.even_band(session).map_err(Unfit::Tool)?;
-            return Ok(solid);
-        }
-        (None, _) => {
-            return Err(Unfit::File(FileError::NotALevelSet {
-                path: path.to_owned(),
-                grid: volume.name().to_owned(),
-                found: format!("the class {class}"),
-                expected: "a level set, a fog volume, or the value on its surface (value = ...)",
-            }));
-        }
+/// How the grid of an operation is read, where a length of the file is `scale` lengths of the recipe.
+fn reading(recipe: &Recipe, grid: &Grid, scale: f64, is_resampled: bool) -> GridReading {
+    let own = recipe.scale();
+    let edge = match grid.resample {
+        Some(Onto::Edge(size)) => Some(size.resolve(own)),
+        Some(Onto::Recipe(true)) => Some(own.voxel_size),
+        Some(Onto::Recipe(false)) => None,
+        None => is_resampled.then_some(own.voxel_size),
     };
-    volume
-        .isosurface(value, half_width, session)
-        .map_err(Unfit::Tool)
+    GridReading {
+        value: grid.value.map(|v| v.0),
+        invert: grid.invert,
+        cubes: edge.map_or(Cubes::Refuse, |edge| Cubes::Edge(edge / scale)),
+        half_width: recipe.sections().band.half_width.0,
+        allow_torn: false,
+    }
 }
 
 fn placement(similarity: &Similarity, factor: f64) -> Placement {
@@ -267,6 +190,9 @@ fn compare_voxels(
     let message = format!("{stage}: voxels of {found} {unit}, the recipe's are {wanted} {unit}");
     if grid.same_voxels {
         return Err(RunError::Voxels(message));
+    }
+    if grid.resample.is_some_and(Onto::is_wanted) {
+        return Ok(());
     }
     let bounds = solid.bounds().map_err(RunError::level_set(stage))?;
     let size = bounds.size().max() * factor;

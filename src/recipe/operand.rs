@@ -4,8 +4,11 @@ use super::crystal::{CrystalRef, SurfaceRef};
 use super::file::{FileRef, Similarity};
 use super::quantity::{Finite, Length, Size, Unit};
 use super::{Brief, Short};
-use schemars::JsonSchema;
+use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::Deserialize;
+use serde::de::{Deserializer, Visitor};
+use std::borrow::Cow;
+use std::fmt;
 use std::path::PathBuf;
 
 /// A solid to combine with.
@@ -92,6 +95,66 @@ pub struct Grid {
     /// Refuse voxels of another size instead of resampling with a notice.
     #[serde(default)]
     pub same_voxels: bool,
+    /// Bring a grid whose voxels are no cubes along the axes (turned, mirrored, sheared, stretched, of a frustum)
+    /// onto cubes: true for the recipe's voxels, or the edge of the cubes. Without it such a grid is refused.
+    pub resample: Option<Onto>,
+    /// Exchange inside and outside of a level set that is inside out, negative outside.
+    #[serde(default)]
+    pub invert: bool,
+}
+
+/// The voxels that a grid is brought onto: true or false, or the edge of cubes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Onto {
+    /// Those of the recipe, or none.
+    Recipe(bool),
+    /// Cubes of this edge.
+    Edge(Size),
+}
+
+impl Onto {
+    /// Whether a grid is to be resampled.
+    pub fn is_wanted(self) -> bool {
+        self != Self::Recipe(false)
+    }
+}
+
+impl<'de> Deserialize<'de> for Onto {
+    fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
+        struct Any;
+        impl Visitor<'_> for Any {
+            type Value = Onto;
+            fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
+                f.write_str("true, false or the edge of a voxel such as 0.2 or \"0.2mm\"")
+            }
+            fn visit_bool<E: serde::de::Error>(self, is_wanted: bool) -> Result<Onto, E> {
+                Ok(Onto::Recipe(is_wanted))
+            }
+            fn visit_f64<E: serde::de::Error>(self, v: f64) -> Result<Onto, E> {
+                Size::try_from(v).map(Onto::Edge).map_err(E::custom)
+            }
+            fn visit_i64<E: serde::de::Error>(self, v: i64) -> Result<Onto, E> {
+                self.visit_f64(v as f64)
+            }
+            fn visit_str<E: serde::de::Error>(self, v: &str) -> Result<Onto, E> {
+                v.parse().map(Onto::Edge).map_err(E::custom)
+            }
+        }
+        d.deserialize_any(Any)
+    }
+}
+
+impl JsonSchema for Onto {
+    fn schema_name() -> Cow<'static, str> {
+        "Onto".into()
+    }
+    fn json_schema(generator: &mut SchemaGenerator) -> Schema {
+        let size = generator.subschema_for::<Size>();
+        json_schema!({
+            "description": "The voxels that a grid is brought onto: true for those of the recipe, or the edge of cubes.",
+            "anyOf": [{ "type": "boolean" }, size]
+        })
+    }
 }
 
 impl Short for Grid {
@@ -104,6 +167,8 @@ impl Short for Grid {
             unit: None,
             transform: Similarity::default(),
             same_voxels: false,
+            resample: None,
+            invert: false,
         }
     }
 }

@@ -120,23 +120,51 @@ pub struct FieldRef {
     pub file: Option<FileRef>,
     /// Name of the point or cell data, of the grid (floats, trilinear between voxels), or of the column.
     pub field: String,
+    /// Whether the data of the points or of the cells are meant, where both have a field of this name.
+    pub at: Option<FieldPlace>,
     /// Of fields with several numbers: which (x, y, z or 0, 1, ...), "magnitude", or of stresses
     /// "`von_mises`".
     pub component: Option<String>,
-    /// Points (value, result) of a piecewise linear map, clamped at both ends.
-    #[serde(default)]
+    /// Points (value, result) of a piecewise linear map, in order of value, clamped at both ends.
+    #[serde(default, deserialize_with = "ascending")]
     pub map: Vec<[f64; 2]>,
     /// Where the field's mesh (of a .vdb the box of its active voxels) does not reach: "nearest" point,
-    /// "error", or a number.
-    #[serde(default)]
-    pub outside: Outside,
+    /// "error", or a number; "nearest" when left out. When given, it also stands for values that are
+    /// missing (NaN, infinite): without it they are errors where the part meets them.
+    pub outside: Option<Outside>,
+}
+
+/// What the values of a field belong to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum FieldPlace {
+    /// The nodes of a mesh, or points of a table.
+    Points,
+    /// The elements of a mesh.
+    Cells,
+}
+
+/// Reads a piecewise linear map: finite numbers, in order of the first ones.
+fn ascending<'de, D: Deserializer<'de>>(d: D) -> Result<Vec<[f64; 2]>, D::Error> {
+    let map = Vec::<[f64; 2]>::deserialize(d)?;
+    if let Some(pair) = map.iter().find(|p| !p.iter().all(|v| v.is_finite())) {
+        let message = format!("found {pair:?} in a map; expected pairs of finite numbers");
+        return Err(serde::de::Error::custom(message));
+    }
+    if let Some(pair) = map.windows(2).find(|p| p[1][0] < p[0][0]) {
+        let message = format!(
+            "found {:?} after {:?} in a map; expected values in ascending order",
+            pair[1], pair[0]
+        );
+        return Err(serde::de::Error::custom(message));
+    }
+    Ok(map)
 }
 
 /// What a field says beyond its mesh.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Outside {
     /// The value of the nearest point.
-    #[default]
     Nearest,
     /// An error that names the place.
     Error,

@@ -1,7 +1,7 @@
 //! Elements that fill the same space.
 //!
 //! The number of elements that cover a point changes only across outer faces, unless two elements
-//! lie on the same side of a face that they share. So it is enough to compare the sides of shared faces
+//! lie on the same side of a face that they share. So it is enough to compare the order of corners on shared faces
 //! and to look at points just inside the outer faces: another element that contains one overlaps.
 //! The cost is that of the surface, a few searches for each outer face. Overlaps thinner than a hundredth of an
 //! element are taken for rounding; smaller ones between the points may be missed.
@@ -9,7 +9,7 @@
 //! Overlapping elements of different components are united by the tiling. Within a component, joined by
 //! faces, they cannot be: the field there has two values.
 
-use super::{FaceRef, Neighbour, Scaffold};
+use super::{ElementMap, FaceRef, Neighbour, Scaffold};
 use crate::frame::{Aabb, CellPoint, Vec3};
 use rayon::prelude::*;
 
@@ -17,8 +17,6 @@ use rayon::prelude::*;
 const BELOW: f64 = 0.02;
 /// How deep in the other element's cell a point must lie.
 const WITHIN: f64 = 0.01;
-/// Least cosine of the normals of two sides of one face that face the same way.
-const SAME_SIDE: f64 = 0.1;
 
 /// Pairs of overlapping elements, by their places, ascending.
 pub(super) struct Overlaps {
@@ -26,6 +24,12 @@ pub(super) struct Overlaps {
     pub between: Vec<[u32; 2]>,
     /// Of one component.
     pub within: Vec<[u32; 2]>,
+}
+
+/// The mean of the corners of an element's cell.
+fn centroid(e: &ElementMap<'_>) -> CellPoint<3> {
+    let vertices = e.shape().vertices();
+    CellPoint(vertices.iter().sum::<Vec3>() / vertices.len() as f64)
 }
 
 impl Scaffold {
@@ -53,9 +57,17 @@ impl Scaffold {
 
     /// Elements on the same side of a face that they share.
     fn same_sides(&self) -> Vec<[u32; 2]> {
+        let hand = |e: usize| {
+            let e = self.element(e);
+            let determinant = e.jacobian(centroid(&e)).determinant();
+            i8::from(determinant > 0.0) - i8::from(determinant < 0.0)
+        };
+        let hands: Vec<i8> = (0..self.len()).into_par_iter().map(hand).collect();
         let same = |f: FaceRef, g: FaceRef| {
-            let [a, b] = [f, g].map(|f| self.outward(f));
-            a.dot(&b) > SAME_SIDE * a.norm() * b.norm()
+            // Seen from outside corners run one way round; from both sides of a face they run against each other.
+            let [a, b] = [f, g].map(|f| hands[f.element as usize]);
+            let along = self.runs_along(f, g);
+            along.is_some_and(|along| a * b == if along { 1 } else { -1 })
         };
         let mut pairs: Vec<[u32; 2]> = (0..self.len())
             .into_par_iter()
@@ -74,6 +86,22 @@ impl Scaffold {
         pairs
     }
 
+    /// Whether two faces with the same corners have them in the same order round; `None` in neither.
+    fn runs_along(&self, f: FaceRef, g: FaceRef) -> Option<bool> {
+        let corners = |f: FaceRef| {
+            let e = self.element(f.element as usize);
+            (e.nodes(), e.kind().faces()[f.face as usize].corners)
+        };
+        let ((own, first), (theirs, second)) = (corners(f), corners(g));
+        let [a, b] = [0, 1].map(|i| own[first[i] as usize]);
+        let at = |i: usize| theirs[second[i % second.len()] as usize];
+        let place = (0..second.len()).find(|&i| at(i) == a)?;
+        if at(place + 1) == b {
+            return Some(true);
+        }
+        (at(place + second.len() - 1) == b).then_some(false)
+    }
+
     /// The middle of a face and its corners, in the cell frame.
     fn face_points(&self, f: FaceRef) -> (Vec3, Vec<Vec3>) {
         let kind = self.connectivity().kind(f.element as usize);
@@ -87,20 +115,10 @@ impl Scaffold {
         (middle, corners)
     }
 
-    /// A normal in the middle of a face, out of its element, of any length.
-    fn outward(&self, f: FaceRef) -> Vec3 {
-        let e = self.element(f.element as usize);
-        let normal = e.shape().faces()[f.face as usize].normal;
-        let jacobian = e.jacobian(CellPoint(self.face_points(f).0));
-        let inverse = jacobian.try_inverse();
-        inverse.map_or(Vec3::zeros(), |i| i.transpose() * normal)
-    }
-
     /// Elements that contain a point just inside an outer face of another.
     fn covered(&self, f: FaceRef) -> Vec<[u32; 2]> {
         let e = self.element(f.element as usize);
-        let vertices = e.shape().vertices();
-        let centre = vertices.iter().sum::<Vec3>() / vertices.len() as f64;
+        let centre = centroid(&e).0;
         let (middle, corners) = self.face_points(f);
         let mut points = vec![middle];
         for (i, c) in corners.iter().enumerate() {

@@ -52,6 +52,11 @@ impl Surface {
         &self.nodes
     }
 
+    /// An element's number in the file, else its place.
+    pub fn number(&self, element: usize) -> u64 {
+        self.numbers.get(element).copied().unwrap_or(element as u64)
+    }
+
     /// Kinds and node numbers.
     pub fn connectivity(&self) -> &Connectivity {
         &self.elements
@@ -60,11 +65,6 @@ impl Surface {
     /// Number of elements.
     pub fn len(&self) -> usize {
         self.elements.len()
-    }
-
-    /// The number of an element in its file; its place where the file gives none.
-    pub fn number(&self, element: usize) -> u64 {
-        self.numbers.get(element).copied().unwrap_or(element as u64)
     }
 
     /// Never: a surface has at least one element.

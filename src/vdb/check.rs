@@ -44,6 +44,8 @@ pub struct LevelSetCheck {
     /// Neighbours of different sign of which one is inactive: the surface is torn there, or inside
     /// and outside are exchanged.
     pub torn: u64,
+    /// Where the first of them is, world units.
+    pub torn_at: Option<[f64; 3]>,
     /// How well it is a distance.
     pub gradient: GradientStatistics,
     /// Connected pieces of the solid.
@@ -75,6 +77,10 @@ impl LevelSetCheck {
             .filter(|(count, _)| *count > 0)
             .map(|(count, what)| format!("{count} {what}"))
             .collect();
+        if let Some([x, y, z]) = self.torn_at {
+            let [x, y, z] = [x, y, z].map(|c| c as f32);
+            problems.push(format!("the first torn pair is at ({x}, {y}, {z})"));
+        }
         if self.active_voxels == 0 {
             problems.push("no voxel is active: there is no surface".into());
         }
@@ -97,7 +103,6 @@ struct Tally {
     not_finite: u64,
     beyond: u64,
     off: u64,
-    torn: u64,
     measured: u64,
     far_off: u64,
     squares: f64,
@@ -109,7 +114,6 @@ impl AddAssign for Tally {
         self.not_finite += o.not_finite;
         self.beyond += o.beyond;
         self.off += o.off;
-        self.torn += o.torn;
         self.measured += o.measured;
         self.far_off += o.far_off;
         self.squares += o.squares;
@@ -148,7 +152,7 @@ impl LevelSet {
             total += t;
             bins.iter_mut().zip(b).for_each(|(a, b)| *a += b);
         }
-        total.torn += torn_tiles(&index);
+        let tears = self.tears()?;
         let solid = Pieces::find(&index, Side::Solid, self.voxel_size(), session)?
             .ranking
             .counted();
@@ -165,7 +169,8 @@ impl LevelSet {
             not_finite: total.not_finite,
             beyond_band: total.beyond,
             off_background: total.off,
-            torn: total.torn,
+            torn: tears.torn,
+            torn_at: tears.first.map(Into::into),
             gradient: GradientStatistics {
                 voxels: total.measured,
                 rms: (total.squares / total.measured.max(1) as f64).sqrt(),
@@ -177,25 +182,6 @@ impl LevelSet {
             largest_share: solid.first().map_or(0.0, |p| p.voxels as f64) / inside.max(1) as f64,
         })
     }
-}
-
-/// Faces at which a tile meets one of its size or larger, or the endless outside, of the other sign.
-fn torn_tiles(index: &LeafIndex<'_>) -> u64 {
-    let mut torn = 0;
-    for tile in &index.tiles {
-        for step in FACES {
-            let [x, y, z] = step.map(|s| s * tile.edge);
-            let other = match index.holder(tile.origin.offset(x, y, z)) {
-                Holder::Tile(other) if index.tiles[other].edge >= tile.edge => {
-                    index.tiles[other].value
-                }
-                Holder::Nothing => 1.0,
-                _ => continue,
-            };
-            torn += u64::from((tile.value < 0.0) != (other < 0.0));
-        }
-    }
-    torn
 }
 
 /// The upper end of the bin that holds this quantile.
@@ -212,24 +198,24 @@ fn quantile(bins: &[u64], share: f64) -> f64 {
 fn tally(index: &LeafIndex<'_>, leaf: usize, h: f32, background: f32, bins: &mut [u64]) -> Tally {
     let view = index.leaves[leaf];
     let beside = FACES.map(|s| index.holder(view.origin.offset(8 * s[0], 8 * s[1], 8 * s[2])));
-    // A voxel's neighbour across face f: its value, whether it is active, whether a leaf holds it.
-    let neighbour = |n: usize, f: usize| -> (f32, bool, bool) {
+    // A voxel's neighbour across face f: its value, whether it is active.
+    let neighbour = |n: usize, f: usize| -> (f32, bool) {
         let (axis, ahead) = (f / 2, f % 2 == 1);
         let step = [64, 8, 1][axis];
         let place = n / step % 8;
         let at = match (ahead, place) {
             (true, 7) => n - 7 * step,
             (false, 0) => n + 7 * step,
-            (true, _) => return (view.values[n + step], view.is_active(n + step), true),
-            (false, _) => return (view.values[n - step], view.is_active(n - step), true),
+            (true, _) => return (view.values[n + step], view.is_active(n + step)),
+            (false, _) => return (view.values[n - step], view.is_active(n - step)),
         };
         match beside[f] {
             Holder::Leaf(other) => {
                 let other = &index.leaves[other];
-                (other.values[at], other.is_active(at), true)
+                (other.values[at], other.is_active(at))
             }
-            Holder::Tile(tile) => (index.tiles[tile].value, index.tiles[tile].active, false),
-            Holder::Nothing => (background, false, false),
+            Holder::Tile(tile) => (index.tiles[tile].value, index.tiles[tile].active),
+            Holder::Nothing => (background, false),
         }
     };
     let mut t = Tally::default();
@@ -249,12 +235,9 @@ fn tally(index: &LeafIndex<'_>, leaf: usize, h: f32, background: f32, bins: &mut
         let mut all_active = active;
         let mut slope = [0.0; 3];
         for f in 0..6 {
-            let (w, other_active, in_leaf) = neighbour(n, f);
+            let (w, other_active) = neighbour(n, f);
             all_active &= other_active;
             slope[f / 2] += if f % 2 == 1 { w } else { -w };
-            // Each pair once: from the first of the two, or from the only one in a leaf.
-            let torn = (v < 0.0) != (w < 0.0) && !(active && other_active);
-            t.torn += u64::from(torn && (f % 2 == 1 || !in_leaf));
         }
         if all_active {
             let g = slope.iter().map(|s| s * s).sum::<f32>().sqrt() / (2.0 * h);

@@ -50,6 +50,11 @@ pub enum VdbError {
     /// A part of a level set has no mesh.
     #[error(transparent)]
     Mesher(crate::mesher::MesherError),
+    /// The surface that values bound is not closed.
+    #[error(
+        "the surface is open: the grid's values end where it goes on; expected values on both sides of all of it"
+    )]
+    Open,
     /// OpenVDB refused.
     #[error("OpenVDB failed in {doing}: {reason}")]
     OpenVdb {
@@ -131,7 +136,7 @@ pub enum FileError {
         /// Grids of the file, as "name (type, class)".
         present: Vec<String>,
     },
-    /// The grid is not a narrow-band level set of floats with cubic voxels.
+    /// The grid is no narrow-band level set of floats with cubic voxels, and cannot be made one as requested.
     #[error("{}: grid {grid:?} has {found}; expected {expected}", .path.display())]
     NotALevelSet {
         /// The file.
@@ -141,7 +146,9 @@ pub enum FileError {
         /// What was found.
         found: String,
         /// What a level set has.
-        expected: &'static str,
+        expected: String,
+        /// What to do.
+        hint: String,
     },
     /// A name or key that a file must not have.
     #[error("{}: the {what} {name:?} {problem}", .path.display())]
@@ -199,6 +206,20 @@ impl FileError {
         Self::Io {
             path: path.to_owned(),
             source,
+        }
+    }
+}
+
+impl FileError {
+    /// What to do about it, where that is known.
+    pub fn hint(&self) -> Option<String> {
+        match self {
+            Self::NotALevelSet { hint, .. } => Some(hint.clone()).filter(|h| !h.is_empty()),
+            Self::NoGrid { present, .. } if !present.is_empty() => Some(
+                "--grid NAME chooses one of them; in a recipe grid = \"NAME\" beside the path"
+                    .into(),
+            ),
+            _ => None,
         }
     }
 }

@@ -52,6 +52,9 @@ mod bridge {
         voxel_size: [f64; 3],
         origin: [f64; 3],
         plain_transform: bool,
+        /// World positions of the corners of the cube from voxel 0 to voxel 64; bit 0 of a corner's
+        /// number is x, bit 1 y, bit 2 z.
+        corners: [f64; 24],
         background: f64,
         active_voxels: u64,
         active_tiles: u64,
@@ -173,6 +176,15 @@ mod bridge {
             active: bool,
         ) -> Result<()>;
         fn grid_facts(grid: &Grid) -> Result<GridFacts>;
+        /// A copy of a grid of doubles.
+        fn grid_as_floats(grid: &Grid) -> Result<UniquePtr<Grid>>;
+        /// Multiplies all values, active or not, and the background, and adds `shift`.
+        fn grid_scale_values(
+            grid: Pin<&mut Grid>,
+            factor: f32,
+            shift: f32,
+            host: &Host<'_>,
+        ) -> Result<()>;
         fn grid_active_voxels(grid: &Grid) -> Result<u64>;
         /// An empty block at a multiple of 128.
         fn block_new(x: i32, y: i32, z: i32, background: f32) -> Result<UniquePtr<Block>>;
@@ -292,13 +304,6 @@ mod bridge {
             host: &Host<'_>,
         ) -> Result<()>;
         fn grid_prune(grid: Pin<&mut Grid>, host: &Host<'_>) -> Result<()>;
-        /// The level set of where a grid of floats of any class takes a value; `half_width` voxels.
-        fn grid_isosurface(
-            grid: &Grid,
-            value: f64,
-            half_width: f32,
-            host: &Host<'_>,
-        ) -> Result<UniquePtr<Grid>>;
         fn grid_csg(
             grid: Pin<&mut Grid>,
             operand: UniquePtr<Grid>,

@@ -2,10 +2,9 @@
 //! OpenVDB's delayed loading of a damaged file crashes, hangs or eats all memory. Files of others are
 //! best looked at by a child process first, see [`isolate`](super::isolate).
 
+use super::foreign::GridReading;
 use super::hash::ContentHash;
-use super::leaves::Leaves;
-use super::{FileError, LevelSet, Session, ffi};
-use crate::frame::{Transform, Vec3};
+use super::{FileError, IndexMap, LevelSet, Session, Volume, ffi};
 use cxx::UniquePtr;
 use serde::{Deserialize, Serialize};
 use std::fs::File;
@@ -29,6 +28,18 @@ pub struct GridInfo {
     pub origin: [f64; 3],
     /// Whether voxels are cubes along the axes.
     pub cubic: bool,
+    /// From voxel numbers to the world, for voxels that are not.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub map: Option<IndexMap>,
+    /// Least and greatest active value, of grids of floats in files.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub values: Option<[f32; 2]>,
+    /// Values that are NaN or infinite, of grids of floats in files.
+    #[serde(default)]
+    pub not_finite: u64,
+    /// What is wrong with a level set of a file, and what to do.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub notes: Vec<String>,
     /// Value where nothing is stored, for grids of numbers.
     pub background: Option<f64>,
     /// Voxels that are active, tiles included.
@@ -56,6 +67,7 @@ impl GridInfo {
             .into_iter()
             .map(|m| (m.key, m.value))
             .collect();
+        let map = (!facts.plain_transform).then(|| IndexMap::of_corners(&facts.corners));
         Self {
             name: facts.name,
             grid_type: facts.grid_type,
@@ -63,6 +75,10 @@ impl GridInfo {
             voxel_size: facts.voxel_size,
             origin: facts.origin,
             cubic: facts.plain_transform,
+            map,
+            values: None,
+            not_finite: 0,
+            notes: Vec::new(),
             background: (!facts.background.is_nan()).then_some(facts.background),
             active_voxels: facts.active_voxels,
             active_tiles: facts.active_tiles,
@@ -135,10 +151,16 @@ pub fn info(path: &Path) -> Result<FileInfo, FileError> {
         } else {
             hash = None;
         }
-        let info = GridInfo {
+        let mut info = GridInfo {
             name: name.clone(),
             ..GridInfo::from_facts(facts)
         };
+        if info.grid_type == FLOATS {
+            let volume = Volume::adopt(path, name, grid)?;
+            info.values = volume.info.values;
+            info.not_finite = volume.info.not_finite;
+            info.notes = volume.notes();
+        }
         grids.push(info);
     }
     let metadata = file.metadata().map_err(damaged)?;
@@ -156,6 +178,7 @@ pub fn info(path: &Path) -> Result<FileInfo, FileError> {
 
 pub(super) const FLOATS: &str = "Tree_float_5_4_3";
 const VECTORS: &str = "Tree_vec3s_5_4_3";
+pub(super) const DOUBLES: &str = "Tree_double_5_4_3";
 
 /// Reads a level set. Without a name: the grid `surface`, else the only level set of the file.
 ///
@@ -163,8 +186,17 @@ const VECTORS: &str = "Tree_vec3s_5_4_3";
 /// [`FileError::Io`], [`FileError::Damaged`], [`FileError::NoGrid`], or [`FileError::NotALevelSet`]
 /// when the grid does not keep a [`LevelSet`]'s promise.
 pub fn read(path: &Path, name: Option<&str>, session: Session<'_>) -> Result<LevelSet, FileError> {
-    let (name, grid) = pick(path, name)?;
-    adopt(path, &name, grid, session)
+    let found = Volume::read(path, name)?;
+    if found.info().class == "fog volume" {
+        return Err(FileError::NotALevelSet {
+            path: path.to_owned(),
+            grid: found.name().to_owned(),
+            found: "the class fog volume".into(),
+            expected: "the class level set".into(),
+            hint: String::new(),
+        });
+    }
+    Ok(found.solid(path, &GridReading::default(), session)?.solid)
 }
 
 /// Reads one grid of any type. Without a name: `surface`, else the only level set, else the only grid
@@ -185,23 +217,25 @@ pub(super) fn pick(
         let grid = ffi::file_read(file.pin_mut(), index).map_err(damaged)?;
         return Ok((names[index].clone(), grid));
     }
-    if name.is_some() {
-        return Err(no_grid(names));
-    }
     let (mut surfaces, mut volumes, mut present) = (Vec::new(), Vec::new(), Vec::new());
     for (index, name) in names.iter().enumerate() {
         let grid = ffi::file_read(file.pin_mut(), index).map_err(damaged)?;
         let facts = ffi::grid_facts(&grid).map_err(damaged)?;
         let (kind, class) = (&facts.grid_type, &facts.class_name);
         present.push(format!("{name} ({kind}, {class})"));
-        if class == "level set" {
+        if class == "level set" && (kind == FLOATS || kind == DOUBLES) {
             surfaces.push(index);
-        } else if kind == FLOATS {
+        } else if kind == FLOATS || kind == DOUBLES {
             volumes.push(index);
         }
     }
+    if name.is_some() {
+        return Err(no_grid(present));
+    }
     let index = match (&surfaces[..], &volumes[..]) {
         ([index], _) | ([], [index]) => *index,
+        // Of another type, which is the error then.
+        _ if names.len() == 1 => 0,
         _ => return Err(no_grid(present)),
     };
     let grid = ffi::file_read(file.pin_mut(), index).map_err(damaged)?;
@@ -234,100 +268,6 @@ fn open(path: &Path) -> Result<UniquePtr<ffi::FileIn>, FileError> {
     }
     let opened = ffi::initialize().and_then(|()| ffi::file_open(path.as_os_str().as_bytes()));
     opened.map_err(|e| FileError::damaged(path, &e))
-}
-
-/// Takes a grid over after checking all that a [`LevelSet`] promises.
-pub(super) fn adopt(
-    path: &Path,
-    name: &str,
-    grid: UniquePtr<ffi::Grid>,
-    session: Session<'_>,
-) -> Result<LevelSet, FileError> {
-    let damaged = |e: cxx::Exception| FileError::damaged(path, &e);
-    let info = GridInfo::from_facts(ffi::grid_facts(&grid).map_err(damaged)?);
-    if info.grid_type == FLOATS {
-        all_finite(&grid)
-            .map_err(damaged)?
-            .map_err(|found| FileError::NotALevelSet {
-                path: path.to_owned(),
-                grid: name.to_owned(),
-                found,
-                expected: "finite numbers",
-            })?;
-    }
-    adopt_finite(path, name, grid, &info, session)
-}
-
-/// Takes a grid over whose values are known to be finite.
-pub(super) fn adopt_finite(
-    path: &Path,
-    name: &str,
-    mut grid: UniquePtr<ffi::Grid>,
-    info: &GridInfo,
-    session: Session<'_>,
-) -> Result<LevelSet, FileError> {
-    let refuse = |found: String, expected| FileError::NotALevelSet {
-        path: path.to_owned(),
-        grid: name.to_owned(),
-        found,
-        expected,
-    };
-    if info.grid_type != FLOATS {
-        return Err(refuse(format!("the type {}", info.grid_type), FLOATS));
-    }
-    if info.class != "level set" {
-        return Err(refuse(
-            format!("the class {}", info.class),
-            "the class level set",
-        ));
-    }
-    let transform = Transform::new(info.voxel_size[0]).filter(|_| info.cubic);
-    let Some(transform) = transform else {
-        return Err(refuse(
-            format!("voxels of {:?} or a rotation", info.voxel_size),
-            "cubic voxels along the axes",
-        ));
-    };
-    let background = info.background.unwrap_or(f64::NAN);
-    let half_width = background / transform.voxel_size();
-    if !(half_width.is_finite() && half_width >= 1.0 && (background as f32).is_normal()) {
-        return Err(refuse(
-            format!("the background {background}"),
-            "at least one voxel",
-        ));
-    }
-    if info.active_tiles > 0 {
-        return Err(refuse(
-            format!("{} active tiles", info.active_tiles),
-            "a narrow band, active in leaves only",
-        ));
-    }
-    ffi::grid_flood_fill(grid.pin_mut(), &session.host())
-        .map_err(|e| FileError::damaged(path, &e))?;
-    Ok(LevelSet {
-        grid,
-        transform,
-        origin: Vec3::from(info.origin),
-        half_width,
-    })
-}
-
-/// Whether all values of a grid of floats are finite, else the first that is not and its voxel.
-pub(super) fn all_finite(grid: &ffi::Grid) -> Result<Result<(), String>, cxx::Exception> {
-    const EXPONENT: u32 = 0x7f80_0000;
-    let leaves = Leaves::of_grid(grid)?;
-    for leaf in leaves.iter() {
-        // Without a way out of the loop it takes many values at once.
-        let any = leaf
-            .values
-            .iter()
-            .fold(false, |any, v| any | (v.to_bits() & EXPONENT == EXPONENT));
-        if any && let Some(n) = leaf.values.iter().position(|v| !v.is_finite()) {
-            let found = format!("{} at voxel {:?}", leaf.values[n], leaf.voxel(n).0);
-            return Ok(Err(found));
-        }
-    }
-    Ok(Ok(()))
 }
 
 impl LevelSet {

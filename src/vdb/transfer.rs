@@ -24,12 +24,15 @@ enum Head {
     #[serde(rename = "damaged")]
     Damaged(String),
     #[serde(rename = "unfit")]
-    Unfit { grid: String, found: String },
+    Unfit {
+        grid: String,
+        found: String,
+        expected: String,
+        hint: String,
+    },
     #[serde(rename = "errno")]
     Errno(i32),
 }
-
-const TYPE_EXPECTED: &str = "floats on cubic voxels along the axes";
 
 /// Bytes that both ends of the pipe hold back.
 const BUFFER: usize = 1 << 18;
@@ -44,7 +47,7 @@ const LONGEST_HEAD: u64 = 64 << 20;
 /// Only those of `out`; what is wrong with the file is told to the receiver.
 pub(super) fn send(path: &Path, name: Option<&str>, out: impl Write) -> io::Result<()> {
     let mut out = BufWriter::with_capacity(BUFFER, out);
-    let volume = super::file::pick(path, name).and_then(|(n, g)| Volume::adopt(path, &n, g));
+    let volume = super::file::pick(path, name).and_then(|(n, g)| Volume::wrap(path, &n, g));
     let head = match &volume {
         Ok(volume) => Head::Grid(Box::new(GridInfo {
             name: volume.name().to_owned(),
@@ -56,9 +59,17 @@ pub(super) fn send(path: &Path, name: Option<&str>, out: impl Write) -> io::Resu
             wanted: wanted.clone(),
             present: present.clone(),
         },
-        Err(FileError::NotALevelSet { grid, found, .. }) => Head::Unfit {
+        Err(FileError::NotALevelSet {
+            grid,
+            found,
+            expected,
+            hint,
+            ..
+        }) => Head::Unfit {
             grid: grid.clone(),
             found: found.clone(),
+            expected: expected.clone(),
+            hint: hint.clone(),
         },
         Err(FileError::Io { source, .. }) if source.raw_os_error().is_some() => {
             Head::Errno(source.raw_os_error().unwrap_or_default())
@@ -128,12 +139,18 @@ pub(super) fn receive(path: &Path, from: impl Read, limits: Limits) -> Result<Vo
                 present,
             }));
         }
-        Ok(Head::Unfit { grid, found }) => {
+        Ok(Head::Unfit {
+            grid,
+            found,
+            expected,
+            hint,
+        }) => {
             return Err(Loss::Told(FileError::NotALevelSet {
                 path,
                 grid,
                 found,
-                expected: TYPE_EXPECTED,
+                expected,
+                hint,
             }));
         }
         Ok(Head::Damaged(reason)) => {
@@ -188,7 +205,5 @@ pub(super) fn receive(path: &Path, from: impl Read, limits: Limits) -> Result<Vo
             _ => return Err(Loss::Broken("what it sends makes no sense".into())),
         }
     }
-    let mut volume = Volume::adopt(&path, &info.name, builder.finish()).map_err(Loss::Told)?;
-    volume.info.metadata = info.metadata;
-    Ok(volume)
+    builder.finish(*info).map_err(refused)
 }

@@ -1,54 +1,141 @@
 //! Grids of floats of any class: fog volumes, masks, fields of others.
 
+use super::cubes::on_cubes;
 use super::leaves::{Leaves, samples_of};
-use super::{FileError, GridInfo, LevelSet, LevelSetBuilder, Session, VdbError, ffi};
+use super::refusal::Located;
+use super::survey::Survey;
+use super::{FileError, GridInfo, IndexMap, LevelSet, Session, VdbError, ffi};
 use crate::frame::{Coord, Transform, Vec3, WorldPoint};
 use cxx::UniquePtr;
 use std::path::Path;
 
-/// A grid of floats of which nothing is promised but finite cubic voxels; what a file of others holds.
+/// A grid of floats of which nothing is promised; what a file of others holds.
 pub struct Volume {
     pub(super) grid: UniquePtr<ffi::Grid>,
     pub(super) name: String,
     /// What it is, as found when it was read.
     pub(super) info: Box<GridInfo>,
+    /// What its values are.
+    pub(super) survey: Survey,
 }
 
 impl Volume {
-    /// Takes a grid over if it holds floats on cubic voxels.
+    /// Takes a grid over if it holds floats, or doubles, which become floats; without a look at its values. A grid
+    /// whose voxels are no cubes along the axes stands in voxel numbers from then on: edge 1, origin 0.
+    pub(super) fn wrap(
+        path: &Path,
+        name: &str,
+        mut grid: UniquePtr<ffi::Grid>,
+    ) -> Result<Self, FileError> {
+        let damaged = |e: cxx::Exception| FileError::damaged(path, &e);
+        let mut info = GridInfo::from_facts(ffi::grid_facts(&grid).map_err(damaged)?);
+        let refuse = |found: String, expected: &str, hint: String| FileError::NotALevelSet {
+            path: path.to_owned(),
+            grid: name.to_owned(),
+            found,
+            expected: expected.to_owned(),
+            hint,
+        };
+        if info.grid_type == super::file::DOUBLES {
+            grid = ffi::grid_as_floats(&grid).map_err(damaged)?;
+            info.active_tiles = ffi::grid_facts(&grid).map_err(damaged)?.active_tiles;
+            info.grid_type = super::file::FLOATS.to_owned();
+        }
+        if info.grid_type != super::file::FLOATS {
+            let (what, hint) = other_type(&info.grid_type);
+            return Err(refuse(
+                format!("values that are {what} (the type {})", info.grid_type),
+                "floats or doubles",
+                hint.to_owned(),
+            ));
+        }
+        if let Some(map) = &info.map {
+            let [low, high] = info.bbox.unwrap_or_default();
+            let corner = |v: [i32; 3]| Vec3::from(v.map(f64::from));
+            if !map.is_regular(corner(low), corner(high)) {
+                return Err(refuse(
+                    format!("{} without a volume", info.shape()),
+                    "voxels with a volume",
+                    "write the grid again with another transform".to_owned(),
+                ));
+            }
+            ffi::grid_place(grid.pin_mut(), 1.0, &[0.0; 3]).map_err(damaged)?;
+        } else if Transform::new(info.voxel_size[0]).is_none() {
+            return Err(refuse(
+                format!("voxels of {}", info.voxel_size[0]),
+                "voxels with a volume",
+                String::new(),
+            ));
+        }
+        Ok(Self {
+            grid,
+            name: name.to_owned(),
+            info: Box::new(info),
+            survey: Survey::default(),
+        })
+    }
+
+    /// As [`Volume::wrap`], with a look at all values.
     pub(super) fn adopt(
         path: &Path,
         name: &str,
         grid: UniquePtr<ffi::Grid>,
     ) -> Result<Self, FileError> {
-        let facts = ffi::grid_facts(&grid).map_err(|e| FileError::damaged(path, &e))?;
-        let info = GridInfo::from_facts(facts);
-        let refuse = |found: String, expected| FileError::NotALevelSet {
-            path: path.to_owned(),
-            grid: name.to_owned(),
-            found,
-            expected,
+        let mut volume = Self::wrap(path, name, grid)?;
+        volume.look().map_err(|e| FileError::damaged(path, &e))?;
+        Ok(volume)
+    }
+
+    /// Looks at all values.
+    fn look(&mut self) -> Result<(), cxx::Exception> {
+        self.survey = Survey::of(&self.grid, self.info.bbox)?;
+        self.info.values = self.survey.range;
+        self.info.not_finite = self.survey.not_finite;
+        Ok(())
+    }
+
+    /// Edge of its voxels and world position of voxel (0, 0, 0), as the grid has them: 1 and 0 where it stands in
+    /// voxel numbers.
+    pub(super) fn frame(&self) -> Result<(Transform, Vec3), VdbError> {
+        let edge = self.own_edge();
+        let transform = Transform::new(edge).ok_or(VdbError::Parameter {
+            name: "voxel size",
+            value: edge,
+            expected: "a positive, finite number",
+        })?;
+        let origin = if self.info.cubic {
+            Vec3::from(self.info.origin)
+        } else {
+            Vec3::zeros()
         };
-        if info.grid_type != super::file::FLOATS {
-            return Err(refuse(
-                format!("the type {}", info.grid_type),
-                super::file::FLOATS,
-            ));
+        Ok((transform, origin))
+    }
+
+    /// Edge of its voxels; 1 where the grid stands in voxel numbers.
+    pub(super) fn own_edge(&self) -> f64 {
+        if self.info.cubic {
+            self.info.voxel_size[0]
+        } else {
+            1.0
         }
-        if Transform::new(info.voxel_size[0]).is_none() || !info.cubic {
-            return Err(refuse(
-                format!("voxels of {:?} or a rotation", info.voxel_size),
-                "cubic voxels along the axes",
-            ));
+    }
+
+    /// The same if its voxels are cubes along the axes and all values finite: what masks and colours must be.
+    ///
+    /// # Errors
+    /// [`FileError::NotALevelSet`]; `path` is its name in errors.
+    pub fn whole_cubes(self, path: &Path) -> Result<Self, FileError> {
+        if !self.info.cubic {
+            return Err(self.refuse_voxels(path));
         }
-        super::file::all_finite(&grid)
-            .map_err(|e| FileError::damaged(path, &e))?
-            .map_err(|found| refuse(found, "finite numbers"))?;
-        Ok(Self {
-            grid,
-            name: name.to_owned(),
-            info: Box::new(info),
-        })
+        match self.not_finite() {
+            Some(refusal) => Err(Located {
+                path,
+                grid: &self.name,
+            }
+            .refuse(refusal)),
+            None => Ok(self),
+        }
     }
 
     /// Multiplies lengths by `factor`: voxels and their places, not values.
@@ -96,13 +183,13 @@ impl Volume {
         samples_of(&self.grid, points)
     }
 
-    /// The level set of the surface on which the values are `value`: of a fog the part above it is
-    /// inside, of a field of distances the part below. By way of a mesh, so the surface moves by up
-    /// to a quarter of a voxel where it is finely curved.
+    /// The level set of the surface on which the values are `value`: of a fog, or where the background is below the
+    /// value, the part above it is inside, else the part below. Distances are those from the mesh of that surface,
+    /// linear between voxels.
     ///
     /// # Errors
     /// [`VdbError::Parameter`] for a value that is not finite or a half width (voxels) below 1,
-    /// [`VdbError::Cancelled`], or what OpenVDB refuses.
+    /// [`VdbError::Open`] where values end at the surface, [`VdbError::Cancelled`], or what OpenVDB refuses.
     pub fn isosurface(
         &self,
         value: f64,
@@ -116,30 +203,45 @@ impl Volume {
                 expected: "a finite number",
             });
         }
-        let info = &self.info;
-        let transform = Transform::new(info.voxel_size[0]).ok_or(VdbError::Parameter {
-            name: "voxel size",
-            value: info.voxel_size[0],
-            expected: "a positive, finite number",
-        })?;
-        // The builder knows which half widths a level set may have.
-        LevelSetBuilder::new(transform, half_width)?;
-        let grid = ffi::grid_isosurface(&self.grid, value, half_width as f32, &session.host())
-            .map_err(|e| VdbError::of("finding a surface", session, &e))?;
-        Ok(LevelSet {
+        let (transform, origin) = self.frame()?;
+        let outside = self.info.background.unwrap_or(0.0);
+        let is_above = if (outside - value).abs() > 0.0 {
+            outside < value
+        } else {
+            self.info.class == "fog volume"
+        };
+        let sign = if is_above { -1.0 } else { 1.0 };
+        let failed = |e| VdbError::of("finding a surface", session, &e);
+        let mut grid = ffi::grid_copy(&self.grid).map_err(failed)?;
+        let (factor, shift) = (sign as f32, (-sign * value) as f32);
+        ffi::grid_scale_values(grid.pin_mut(), factor, shift, &session.host()).map_err(failed)?;
+        ffi::grid_place(grid.pin_mut(), transform.voxel_size(), &[0.0; 3]).map_err(failed)?;
+        let values = LevelSet {
             grid,
             transform,
-            origin: Vec3::from(info.origin),
-            half_width,
-        })
+            origin: Vec3::zeros(),
+            // The narrowest: the mesher then looks at the neighbours of active voxels, too.
+            half_width: 1.0,
+        };
+        let same = IndexMap::boxes([1.0; 3], [0.0; 3]);
+        let voxels = (transform.voxel_size(), half_width);
+        let mut solid = on_cubes(&values, &same, voxels, session)?;
+        if origin != Vec3::zeros() {
+            solid.place_at(origin)?;
+        }
+        Ok(solid)
     }
 
-    /// The same grid as a level set, if it is one.
+    /// Values at voxels.
     ///
     /// # Errors
-    /// [`FileError::NotALevelSet`] with what is missing; `path` is its name in errors.
-    pub fn into_level_set(self, path: &Path, session: Session<'_>) -> Result<LevelSet, FileError> {
-        super::file::adopt_finite(path, &self.name, self.grid, &self.info, session)
+    /// Only what OpenVDB itself refuses.
+    pub fn values(&self, voxels: &[Coord]) -> Result<Vec<f32>, VdbError> {
+        let flat: Vec<[i32; 3]> = voxels.iter().map(|v| v.0).collect();
+        let mut values = vec![0.0; voxels.len()];
+        ffi::grid_values(&self.grid, flat.as_flattened(), &mut values)
+            .map_err(|e| VdbError::plain("looking values up", &e))?;
+        Ok(values)
     }
 
     /// Reads a grid of floats in this process: for files that one has made oneself. Without a name:
@@ -147,7 +249,7 @@ impl Volume {
     ///
     /// # Errors
     /// [`FileError::Io`], [`FileError::Damaged`], [`FileError::NoGrid`], or
-    /// [`FileError::NotALevelSet`] for other types and for voxels that are no cubes.
+    /// [`FileError::NotALevelSet`] for other types than floats and doubles.
     pub fn read(path: &Path, name: Option<&str>) -> Result<Self, FileError> {
         let (name, grid) = super::file::pick(path, name)?;
         Self::adopt(path, &name, grid)
@@ -155,14 +257,44 @@ impl Volume {
 
     /// A volume from its parts, as they come through a pipe.
     pub(super) fn assemble(info: &GridInfo) -> Result<VolumeBuilder, cxx::Exception> {
-        let [x, y, z] = info.origin;
-        let grid = ffi::grid_raw(
-            info.voxel_size[0],
-            &[x, y, z],
-            info.background.unwrap_or(0.0) as f32,
-            &info.class,
-        )?;
+        let (edge, origin) = if info.cubic {
+            (info.voxel_size[0], info.origin)
+        } else {
+            (1.0, [0.0; 3])
+        };
+        // A background that is no number comes as none.
+        let background = info.background.unwrap_or(f64::NAN) as f32;
+        let grid = ffi::grid_raw(edge, &origin, background, &info.class)?;
         Ok(VolumeBuilder { grid })
+    }
+}
+
+/// What values of a type other than floats and doubles are, and what to do with them.
+fn other_type(name: &str) -> (&'static str, &'static str) {
+    let own = name.strip_prefix("Tree_").unwrap_or(name);
+    let kind = own.split('_').next().unwrap_or(own);
+    match kind {
+        "bool" | "mask" => (
+            "on or off only",
+            "make a level set or fog of floats of it (in OpenVDB topologyToLevelSet, in Houdini Convert VDB)",
+        ),
+        "int32" | "int64" => (
+            "whole numbers",
+            "make floats of them (in Houdini Convert VDB) and give the value on the surface with --value",
+        ),
+        "vec3s" | "vec3d" | "vec3i" | "vec3h" => (
+            "vectors",
+            "a vector bounds no solid: choose another grid with --grid, or make floats of a component or of its length",
+        ),
+        "ptdataidx32" | "ptidx32" => (
+            "points",
+            "points bound no solid by themselves: make a level set of them first (in OpenVDB particlesToLevelSet, vdb_tool \
+             -points2ls)",
+        ),
+        _ => (
+            "no floats",
+            "make floats of them, or choose another grid with --grid",
+        ),
     }
 }
 
@@ -191,7 +323,26 @@ impl VolumeBuilder {
         ffi::grid_put_tile(self.grid.pin_mut(), &origin.0, edge, value, active)
     }
 
-    pub fn finish(self) -> UniquePtr<ffi::Grid> {
-        self.grid
+    /// The volume, with the facts that its file told of it.
+    pub fn finish(self, info: GridInfo) -> Result<Volume, cxx::Exception> {
+        let facts = GridInfo::from_facts(ffi::grid_facts(&self.grid)?);
+        // What the other end said of the values is counted again.
+        let info = GridInfo {
+            name: info.name,
+            voxel_size: info.voxel_size,
+            origin: info.origin,
+            cubic: info.cubic,
+            map: info.map,
+            metadata: info.metadata,
+            ..facts
+        };
+        let mut volume = Volume {
+            name: info.name.clone(),
+            grid: self.grid,
+            info: Box::new(info),
+            survey: Survey::default(),
+        };
+        volume.look()?;
+        Ok(volume)
     }
 }

@@ -28,6 +28,7 @@ mod meshes;
 
 use archives::{archives, model_of, models, solid, threemf_model};
 use damage::{Dice, damage};
+use meshes::{FIELDS, PLANE, recipes};
 
 /// A format: its name, the extension of its files, good files, and who reads them.
 struct Format {
@@ -183,19 +184,6 @@ fn recipe(path: &Path) -> Result<(), Refusal> {
     Ok(Recipe::read(path, &[]).map(drop)?)
 }
 
-/// Recipes that are shipped.
-fn recipes() -> Vec<Vec<u8>> {
-    let examples = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples");
-    ["bracket/bracket.toml", "schwarz_block.toml"]
-        .map(|name| fs::read(examples.join(name)).unwrap())
-        .to_vec()
-}
-
-/// A square and a triangle.
-const FIELDS: &str = "x,y,z,w\n0,0,0,1\n1,0,0,2.5\n0,1,0,-3e2\n";
-const PLANE: &str = "# vtk DataFile Version 3.0\nplane\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS 5 float\n\
-    0 0 0 1 0 0 1 1 0 0 1 0 2 0 0\nCELLS 2 9\n4 0 1 2 3\n3 1 4 2\nCELL_TYPES 2\n9\n5\n";
-
 /// Files of the scaffolds' test data.
 fn stored(names: &[&str]) -> Vec<Vec<u8>> {
     let directory = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/scaffold");
@@ -288,7 +276,7 @@ fn formats() -> Vec<Format> {
         row(
             "msh text",
             "msh",
-            stored(&["hex8_22_ascii.msh", "hex20_41_ascii.msh"]),
+            stored(&["hex8_22_ascii.msh", "hex20_41_ascii.msh", "pyramid13.msh"]),
             scaffold,
         ),
         row(
@@ -306,13 +294,24 @@ fn formats() -> Vec<Format> {
         row(
             "vtk binary",
             "vtk",
-            stored(&["hex8_binary.vtk", "hex8_51_binary.vtk"]),
+            stored(&[
+                "hex8_binary.vtk",
+                "hex8_51_binary.vtk",
+                "lagrange_solids2.vtk",
+            ]),
             scaffold,
         ),
         row(
             "vtu",
             "vtu",
-            stored(&["hex8_text.vtu", "hex8_zlib.vtu", "hex8_base64.vtu"]),
+            stored(&[
+                "hex8_text.vtu",
+                "hex8_zlib.vtu",
+                "hex8_base64.vtu",
+                "pyramid13.vtu",
+                "lagrange_solids2.vtu",
+                "classic_solids2.vtu",
+            ]),
             scaffold,
         ),
         row("inp", "inp", decks::seeds(), scaffold),

@@ -230,10 +230,8 @@ impl Assembly {
                 }
             }
         }
-        for (key, scoped) in &self.sets {
-            let mut seen = BTreeSet::from([key.clone()]);
-            let mut places = Vec::new();
-            self.scoped(scoped, path, pieces, &mut seen, &mut places, &mut missing)?;
+        for scoped in self.sets.values() {
+            let places = self.scoped(scoped, path, pieces, &mut missing)?;
             collector.named_group(&scoped.name, &places);
         }
         if self.instances.len() > 1 {
@@ -256,55 +254,58 @@ impl Assembly {
     /// The elements of a set of the assembly.
     fn scoped(
         &self,
-        scoped: &Scoped,
+        set: &Scoped,
         path: &Path,
         pieces: &[Piece],
-        seen: &mut BTreeSet<String>,
-        places: &mut Vec<u32>,
         missing: &mut Missing,
-    ) -> Result<(), ReadError> {
-        for (instance, set) in &scoped.sets {
-            // Without an instance numbers are of elements of the assembly, the last piece.
-            let piece = instance.map_or_else(
-                || pieces.iter().rev().find(|p| p.name.is_none()),
-                |i| pieces.get(i),
-            );
-            let mut numbers = Sets::default();
-            let plain = numbers.entry(&scoped.name);
-            *plain = set.clone();
-            plain.name.clone_from(&scoped.name);
-            let inner = std::mem::take(&mut plain.names);
-            if let Some(piece) = piece {
-                let found = numbers.members(&scoped.name, &piece.model.element_places);
-                let found = found.unwrap_or_default();
-                places.extend(missing.places(piece, &found, &scoped.name));
-            } else {
-                missing.count(set.numbers.len(), &scoped.name);
-            }
-            for name in &inner {
-                let qualified = name.split_once('.').and_then(|(i, rest)| {
-                    let piece = &pieces[self.instance(i)?];
-                    Some((piece, rest))
-                });
-                if let Some((piece, rest)) = qualified {
-                    let found = match rest.parse() {
-                        Ok(number) => vec![number],
-                        Err(_) => members(piece, rest, path)?,
-                    };
+    ) -> Result<Vec<u32>, ReadError> {
+        let mut places = Vec::new();
+        let mut seen = BTreeSet::from([set.name.to_uppercase()]);
+        let mut open = vec![set];
+        while let Some(scoped) = open.pop() {
+            for (instance, set) in &scoped.sets {
+                // Without an instance numbers are of elements of the assembly, the last piece.
+                let piece = instance.map_or_else(
+                    || pieces.iter().rev().find(|p| p.name.is_none()),
+                    |i| pieces.get(i),
+                );
+                let mut own = Sets::default();
+                let plain = own.entry(&scoped.name);
+                *plain = set.clone();
+                plain.names.clear();
+                if let Some(piece) = piece {
+                    let known = &piece.model.element_places;
+                    let found = own.members(&scoped.name, known).unwrap_or_default();
                     places.extend(missing.places(piece, &found, &scoped.name));
-                } else if let (Some(piece), true) = (piece, instance.is_some()) {
-                    let found = members(piece, name, path)?;
-                    places.extend(missing.places(piece, &found, &scoped.name));
-                } else if let Some(other) = self.sets.get(&name.to_uppercase()) {
-                    if seen.insert(name.to_uppercase()) {
-                        self.scoped(other, path, pieces, seen, places, missing)?;
-                    }
                 } else {
-                    return Err(no_set(name, &scoped.name, path));
+                    missing.count(set.numbers.len(), &scoped.name);
+                }
+                for name in &set.names {
+                    let qualified = name.split_once('.').and_then(|(i, rest)| {
+                        let piece = &pieces[self.instance(i)?];
+                        Some((piece, rest))
+                    });
+                    let other = self.sets.get(&name.to_uppercase());
+                    if let Some((piece, rest)) = qualified {
+                        let found = match rest.parse() {
+                            Ok(number) => vec![number],
+                            Err(_) => members(piece, rest, path)?,
+                        };
+                        places.extend(missing.places(piece, &found, &scoped.name));
+                    } else if let (Some(piece), true) = (piece, instance.is_some()) {
+                        let found = members(piece, name, path)?;
+                        places.extend(missing.places(piece, &found, &scoped.name));
+                    } else if let Some(other) = other {
+                        if seen.insert(name.to_uppercase()) {
+                            open.push(other);
+                        }
+                    } else {
+                        return Err(no_set(name, &scoped.name, path));
+                    }
                 }
             }
         }
-        Ok(())
+        Ok(places)
     }
 }
 

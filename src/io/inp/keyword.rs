@@ -8,7 +8,7 @@ pub(super) const LARGEST_NUMBER: u64 = 9_999_999_999;
 
 /// A keyword line: `*NAME, KEY=VALUE, KEY`.
 pub(super) struct Keyword {
-    /// Without the asterisk, in capitals, without spaces.
+    /// Without the asterisk, in capitals, without spaces and hyphens.
     pub name: String,
     line: String,
     /// Values by key; keys in capitals, without spaces.
@@ -41,7 +41,7 @@ impl Keyword {
             quoted ^= c == '"';
             c == ',' && !quoted
         });
-        let name = plain(parts.next().unwrap_or("").trim_start_matches('*'));
+        let name = plain(parts.next().unwrap_or("").trim_start_matches('*')).replace('-', "");
         let mut parameters = BTreeMap::new();
         for part in parts.map(str::trim).filter(|p| !p.is_empty()) {
             let (key, value) = part.split_once('=').unwrap_or((part, ""));

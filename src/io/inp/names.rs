@@ -2,7 +2,7 @@
 //! not ours.
 
 /// Keywords of Abaqus and `CalculiX` that neither make nor move nodes or elements, in capitals and
-/// without spaces: materials, sections, constraints, steps, loads, outputs.
+/// without spaces and hyphens: materials, sections, constraints, steps, loads, outputs.
 const NO_GEOMETRY: &str = "\
 ACOUSTICFLOWVELOCITY ACOUSTICMEDIUM ACOUSTICWAVEFORMULATION ADAPTIVEMESH ADAPTIVEMESHCONSTRAINT \
 ADAPTIVEMESHCONTROLS ADAPTIVEMESHREFINEMENT ADAPTIVITY ADDEDMASS ADJUST AMBIENTTEMPERATURE AMPLITUDE ANISOTROPICHYPERELASTIC \

@@ -1,6 +1,6 @@
 //! Keywords and numbers of a Medit file, from words of text or from binary records.
 
-use super::super::{Place, ReadError, Source, quote};
+use super::super::{Place, ReadError, Source, number, quote};
 use super::table::TABLE;
 use std::path::Path;
 
@@ -96,8 +96,7 @@ impl Input {
     /// A number with a fraction.
     pub fn real(&mut self, what: &str) -> Result<f64, ReadError> {
         match self {
-            // `1.D0` is Fortran's way to write 1.
-            Self::Text(t) => t.parse(what, |w| w.replace(['D', 'd'], "e").parse().ok()),
+            Self::Text(t) => t.parse(what, |w| number::real(w.as_bytes())),
             Self::Binary(b) => b.real(what),
         }
     }
@@ -186,7 +185,7 @@ impl Text {
                 return Ok(None);
             };
             let line = line.split('#').next().unwrap_or("");
-            self.line.push_str(line.trim_start_matches('\u{feff}'));
+            self.line.push_str(line);
         }
     }
 

@@ -229,12 +229,11 @@ impl Field {
         let mut values = Vec::with_capacity(numbers.len() * self.components);
         let mut missing = 0;
         for number in numbers {
-            match self.places.get(number) {
-                Some(&at) => values.extend(&self.values[at..at + self.components]),
-                None => {
-                    values.resize(values.len() + self.components, f64::NAN);
-                    missing += 1;
-                }
+            if let Some(&at) = self.places.get(number) {
+                values.extend(&self.values[at..at + self.components]);
+            } else {
+                values.resize(values.len() + self.components, f64::NAN);
+                missing += 1;
             }
         }
         (values, missing)

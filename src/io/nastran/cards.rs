@@ -56,7 +56,6 @@ impl Cards {
         }
         while let Some(line) = self.source.line()? {
             let line = line.split('$').next().unwrap_or("").trim_end();
-            let line = line.trim_start_matches('\u{feff}');
             if line.trim().is_empty() {
                 continue;
             }
@@ -65,7 +64,7 @@ impl Cards {
                 match c {
                     '\t' => {
                         clean.push(' ');
-                        while clean.len() % 8 != 0 {
+                        while !clean.len().is_multiple_of(8) {
                             clean.push(' ');
                         }
                     }
@@ -123,7 +122,7 @@ impl Cards {
                 card.fault = Some((self.source.line_number(), text));
             }
             card.take(&parts);
-            tail = parts.tail.to_owned();
+            parts.tail.clone_into(&mut tail);
         }
         Ok(true)
     }
@@ -241,7 +240,7 @@ impl Card {
 
     /// Appends the fields of a line; wide ones come in pairs of lines.
     fn take(&mut self, parts: &Parts) {
-        while parts.fields.len() == 8 && self.ends.len() % 8 != 0 {
+        while parts.fields.len() == 8 && !self.ends.len().is_multiple_of(8) {
             self.push("");
         }
         for field in &parts.fields {

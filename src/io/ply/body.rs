@@ -156,7 +156,12 @@ impl Rows<'_> {
             if x.to_bits() == NO_NUMBER.to_bits() {
                 let word = words(self.source.current()).nth(self.at - 1);
                 let word = String::from_utf8_lossy(word.unwrap_or_default()).into_owned();
-                return Err(self.bad(quote(&word), "a number"));
+                let error = self.bad(quote(&word), "a number");
+                return Err(if word.contains(',') {
+                    error.with_hint(number::COMMA)
+                } else {
+                    error
+                });
             }
             return Ok(x);
         }

@@ -74,6 +74,9 @@ pub(super) fn is_text(head: &[u8]) -> bool {
         head,
         [0xff, 0xfe, ..] | [0xfe, 0xff, ..] | [b's' | b'S', 0, b'o' | b'O', 0, ..]
     );
+    // Some programs fill the last block with zeros.
+    let zeros = head.iter().rev().take_while(|&&b| b == 0).count();
+    let head = &head[..head.len() - zeros];
     wide || !head.contains(&0) && (has(b"facet") || has(b"vertex") || has(b"solid"))
 }
 

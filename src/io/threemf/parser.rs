@@ -271,6 +271,7 @@ impl<'a, R: BufRead> Parser<'a, R> {
 
     fn reference(&self, e: &BytesStart) -> Result<Reference, ReadError> {
         let part = self.attribute_in(e, Space::Production, "path")?;
+        self.check_path(e)?;
         let printable = self.attribute_where(e, |key| key.local_name().as_ref() == b"printable")?;
         let printable = printable.map(|p| p.trim().to_ascii_lowercase());
         Ok(Reference {
@@ -279,6 +280,21 @@ impl<'a, R: BufRead> Parser<'a, R> {
             at: self.placement(e)?,
             is_printable: !matches!(printable.as_deref(), Some("0" | "false")),
         })
+    }
+
+    /// Refuses a path whose prefix stands for no namespace: it may lead to another part.
+    fn check_path(&self, e: &BytesStart) -> Result<(), ReadError> {
+        let is_unbound = |key: QName| {
+            let (result, local) = self.reader.resolve_attribute(key);
+            local.as_ref() == b"path" && matches!(result, ResolveResult::Unknown(_))
+        };
+        match self.attribute_where(e, is_unbound)? {
+            Some(path) => {
+                let found = format!("the path {} under a prefix of nothing", quote(&path));
+                Err(self.bad(found, "a prefix of the production extension's namespace"))
+            }
+            None => Ok(()),
+        }
     }
 
     fn parent(&self) -> &[u8] {
@@ -302,10 +318,12 @@ impl<'a, R: BufRead> Parser<'a, R> {
     fn start(&mut self, e: &BytesStart) -> Result<bool, ReadError> {
         let (result, local) = self.reader.resolve_element(e.name());
         let space = space_of(&result);
-        let namespace = match (space, &result) {
-            // Most elements; their namespace is known.
-            (Space::Core | Space::Beams, _) => String::new(),
-            (_, ResolveResult::Bound(n)) => String::from_utf8_lossy(n.as_ref()).into_owned(),
+        // Of most elements it is known.
+        let is_known = matches!(space, Space::Core | Space::Beams);
+        let namespace = match &result {
+            ResolveResult::Bound(n) if !is_known => {
+                String::from_utf8_lossy(n.as_ref()).into_owned()
+            }
             _ => String::new(),
         };
         let local = local.as_ref();

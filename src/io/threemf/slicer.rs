@@ -1,6 +1,6 @@
 //! What a slicer says of the triangles of an object: which of them are no part of the solid.
 //!
-//! PrusaSlicer writes parts, modifiers and negative volumes of an object as one mesh, and beside it a list
+//! `PrusaSlicer` writes parts, modifiers and negative volumes of an object as one mesh, and beside it a list
 //! of which triangles are what.
 
 use quick_xml::Reader;
@@ -16,7 +16,7 @@ pub(super) const NAME: &str = "Metadata/Slic3r_PE_model.config";
 pub(super) struct Volume {
     /// The first and the last of the triangles.
     pub triangles: [usize; 2],
-    /// What they are: "NegativeVolume", "ParameterModifier" and the like.
+    /// What they are: `NegativeVolume`, `ParameterModifier` and the like.
     pub kind: String,
 }
 

@@ -25,12 +25,13 @@ const LAGRANGE: [(u8, usize, Kind); 12] = [
     (74, 5, Kind::Pyramid5),
     (74, 14, Kind::Pyramid14),
 ];
-/// Names of the cell types that we do not fill.
-const NAMES: [(u8, &str); 25] = [
+/// Names of the cell types that are not read, or not always.
+const NAMES: [(u8, &str); 26] = [
     (15, "pentagonal prism"),
     (16, "hexagonal prism"),
     (31, "quadratic linear wedge"),
     (33, "biquadratic hexahedron (24 nodes)"),
+    (37, "triquadratic pyramid"),
     (41, "convex point set"),
     (42, "polyhedron"),
     (61, "higher-order triangle"),

@@ -136,7 +136,8 @@ impl Reader<'_> {
                 let verb = if is_verb(verb) {
                     verb
                 } else {
-                    self.solid(verb).ok_or_else(|| unknown(place, verb))?
+                    self.solid(verb)
+                        .ok_or_else(|| unknown(place, verb, &self.whole_name(verb)))?
                 };
                 let mut words = Vec::new();
                 loop {
@@ -178,6 +179,19 @@ impl Reader<'_> {
         let (solid, end) = found?;
         self.at = end;
         Some(solid)
+    }
+
+    /// A word that has been read with those after it that may belong to a name.
+    fn whole_name(&self, first: &str) -> String {
+        let rest = &self.text[self.at..];
+        let line = rest.split(['\n', ';', '#', '{', '}']).next().unwrap_or("");
+        let is_word = |w: &&str| {
+            w.chars()
+                .all(|c| c.is_ascii_alphabetic() || "_-".contains(c))
+        };
+        let more = line.split_whitespace().take_while(is_word).take(3);
+        let words: Vec<&str> = std::iter::once(first).chain(more).collect();
+        words.join(" ")
     }
 
     /// The next word: up to a blank outside brackets and quotes.
@@ -248,14 +262,14 @@ impl Reader<'_> {
     }
 }
 
-/// What is said of a word that begins no step.
-fn unknown(place: (usize, usize), word: &str) -> ScriptError {
+/// What is said of a word that begins no step; `name` is with the words after it.
+fn unknown(place: (usize, usize), word: &str, name: &str) -> ScriptError {
     let mut known: Vec<&str> = VERBS[1..].iter().map(|v| v.0).collect();
     known.extend(["param", "repeat"]);
-    let solid = seed::nearest_solid(word);
+    let solid = seed::nearest_solid(name).or_else(|| seed::nearest_solid(word));
     let meant = nearest(word, &known).or(solid);
     let meant = meant.map(|w| format!("did you mean {w:?}?"));
-    let lower = word.to_ascii_lowercase();
+    let lower = name.to_ascii_lowercase();
     let is_solid = solid.is_some() || lower.contains("hedron") || lower.contains("cube");
     let list = is_solid.then(|| format!("the solids are {}", seed::solids().join(", ")));
     let said: Vec<String> = meant.into_iter().chain(list).collect();

@@ -282,10 +282,9 @@ impl Collapsed {
         let cube = (Vec3::zeros(), Vec3::repeat(1.0));
         let mut open = vec![(self.net.clone(), cube, cube, 0)];
         while let Some((net, part, domain, depth)) = open.pop() {
-            let Some((inner, settled)) = self.contract(&net, part, domain, world) else {
+            let Some((inner, own, settled)) = self.contract(&net, part, domain, world) else {
                 continue;
             };
-            let own = frustum(inner);
             let covered = (0..3).all(|a| found.min[a] <= own.min[a] && own.max[a] <= found.max[a]);
             let size = (own.max - own.min).max();
             if settled || covered || size <= fine || depth == DEPTH {
@@ -316,17 +315,19 @@ impl Collapsed {
         confine(Element::Pyramid, found)
     }
 
-    /// What of a domain within a part of the cube may map into `world`: F(r) in c +- h implies
-    /// |r - m - Y (c - F(m))| <= |Y| (h + q) with Y the inverse of dF/dr at the middle m and q half the
-    /// second derivatives times the squared radius, as of other curved elements. The flag says that it is
-    /// within a small factor of the preimage.
+    /// What of a domain within a part of the cube may map into `world`, and a box around it in the cell frame.
+    ///
+    /// With m the middle, R the radius of the domain and q half the second derivatives by r times R R,
+    /// F(r) in c +- h implies |J (xi' - m') - (c - F(m))| <= h + q, where xi' is linear in r and differs
+    /// from xi by at most (`R_a R_h`, `R_b R_h`, 0). The flag says that the box is within a small factor of
+    /// the preimage's own.
     fn contract(
         &self,
         net: &Net<Vec3>,
         part: Span,
         domain: Span,
         world: &Aabb,
-    ) -> Option<(Span, bool)> {
+    ) -> Option<(Span, CellBox<3>, bool)> {
         let (target, half) = (world.centre().0, world.size() / 2.0);
         let size = part.1 - part.0;
         let mut bounds = bend(self.kind, net);
@@ -334,14 +335,12 @@ impl Collapsed {
             *b /= size[j] * size[k];
         }
         let (mut min, mut max) = domain;
+        let mut own = frustum(domain);
         for _ in 0..4 {
             let (middle, radius) = ((min + max) / 2.0, (max - min) / 2.0);
             let (a, b, h) = (middle.x - 0.5, middle.y - 0.5, 1.0 - middle.z);
             let (x, j) = self.at(a, b, h);
-            let [by_x, by_y, by_z] = [0, 1, 2].map(|c| j.column(c).into_owned());
-            // x = a h, y = b h, z = (1 - h) / sqrt 2.
-            let by_r = [by_x * h, by_y * h, by_z / SQRT_2 - by_x * a - by_y * b];
-            let Some(y) = Mat3::from_columns(&by_r).try_inverse() else {
+            let Some(inverse) = j.try_inverse().filter(|_| h > 0.0) else {
                 break;
             };
             let mut rest = Vec3::zeros();
@@ -350,25 +349,49 @@ impl Collapsed {
                 rest += b * (times * radius[j] * radius[k]);
             }
             let rounding = ROUNDING * (x.amax() + target.amax());
-            let centre = middle + y * (target - x);
-            let linear = y.abs() * half.add_scalar(rounding);
-            let excess = y.abs() * rest;
-            let reach = linear + excess;
+            let spread = (half + rest).add_scalar(rounding);
+            // dr / dxi, from x = a h, y = b h, z = (1 - h) / sqrt 2.
+            let by_cell = Mat3::new(
+                1.0 / h,
+                0.0,
+                a * SQRT_2 / h,
+                0.0,
+                1.0 / h,
+                b * SQRT_2 / h,
+                0.0,
+                0.0,
+                SQRT_2,
+            );
+            let y = by_cell * inverse;
+            let (centre, reach) = (middle + y * (target - x), y.abs() * spread);
             let next = (min.sup(&(centre - reach)), max.inf(&(centre + reach)));
-            if (0..3).any(|a| next.0[a] > next.1[a]) {
+            let bilinear = Vec3::new(radius.x, radius.y, 0.0) * radius.z;
+            let (linear, excess) = (
+                inverse.abs() * half.add_scalar(rounding),
+                inverse.abs() * rest + bilinear,
+            );
+            let (centre, reach) = (
+                Vec3::new(a * h, b * h, middle.z / SQRT_2) + inverse * (target - x),
+                linear + excess,
+            );
+            own = frustum(next).intersection(CellBox {
+                min: centre - reach,
+                max: centre + reach,
+            });
+            if (0..3).any(|a| next.0[a] > next.1[a]) || own.is_empty() {
                 return None;
             }
             let shrunk = (0..3).any(|a| next.1[a] - next.0[a] < 1.5 * radius[a]);
             (min, max) = next;
             let adds = |share: f64| (0..3).all(|a| excess[a] <= share * linear[a] + 1e-9);
             if adds(0.25) {
-                return Some(((min, max), true));
+                return Some(((min, max), own, true));
             }
             if !shrunk {
-                return Some(((min, max), adds(1.0)));
+                return Some(((min, max), own, adds(0.5)));
             }
         }
-        Some(((min, max), false))
+        Some(((min, max), own, false))
     }
 }
 

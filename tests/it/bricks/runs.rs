@@ -1,5 +1,6 @@
 //! Whole runs in bricks against runs in memory.
 
+use crate::strategy::{elevated, mixed};
 use druse::frame::Vec3;
 use druse::mesh;
 use druse::pipeline::{
@@ -78,6 +79,40 @@ fn bricks_of_any_size_make_the_file_that_memory_makes() {
         let hidden = std::fs::read_dir(&parts).unwrap();
         let names = hidden.map(|e| e.unwrap().file_name().into_string().unwrap());
         assert!(names.into_iter().all(|n| !n.starts_with('.')));
+    }
+}
+
+#[test]
+fn curved_elements_of_every_shape_are_filled_alike_in_bricks() {
+    let directory = tempfile::tempdir().unwrap();
+    let mesh = directory.path().join("mixed.vtu");
+    for full in [true, false] {
+        let scaffold = elevated(&mixed(0.08, 3), full, 0.08, 6);
+        druse::io::write_vtu(&mesh, &scaffold, &[]).unwrap();
+        let text = format!(
+            "druse = 1\n[cell.c]\ngraph = \"edges\"\nradius = 0.2\nband_limit = 3\n[scaffold]\nfile = {mesh:?}\n\
+             [tiling]\ncell = \"c\"\ncertificate = true\n[band]\nvoxel_size = 0.07\n\
+             [[output]]\nvdb = \"a.vdb\"\n"
+        );
+        let recipe = Recipe::parse(&text, &[]).unwrap();
+        let made = [None, Some(1)].map(|bricks| {
+            let out = directory
+                .path()
+                .join(if bricks.is_some() { "parts" } else { "whole" });
+            run(&recipe, &options(&out, bricks, 2), &Silent).unwrap()
+        });
+        assert_eq!(hashes(&made[0]), hashes(&made[1]));
+        assert_eq!(hashes(&made[0]).len(), 1);
+        let continuity = made[0].continuity.as_ref().unwrap();
+        assert!(
+            continuity.value_jump_max < 1e-5,
+            "{}",
+            continuity.value_jump_max
+        );
+        assert!(continuity.faces.iter().all(|k| k.crossings > 0));
+        let whole: f64 = scaffold.elements().map(|e| e.volume().abs()).sum();
+        let share = made[0].solid.volume / whole;
+        assert!(share > 0.05 && share < 0.8, "{share}");
     }
 }
 

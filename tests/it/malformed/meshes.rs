@@ -1,8 +1,23 @@
-//! Meshes of the formats that came last: more cases of each in every run.
+//! Seeds of texts and of the meshes of newer formats, with more cases of each in every run.
 
 use super::{Format, Refusal, mesh, polygons, scaffold};
-use crate::io::meshes::{binary_stl, off, ply, stl, vtk, vtp};
+use crate::io::cubes::{binary_stl, off, ply, stl, vtk, vtp};
+use std::fs;
 use std::path::Path;
+
+/// Points with values.
+pub const FIELDS: &str = "x,y,z,w\n0,0,0,1\n1,0,0,2.5\n0,1,0,-3e2\n";
+/// A square and a triangle.
+pub const PLANE: &str = "# vtk DataFile Version 3.0\nplane\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS 5 float\n\
+    0 0 0 1 0 0 1 1 0 0 1 0 2 0 0\nCELLS 2 9\n4 0 1 2 3\n3 1 4 2\nCELL_TYPES 2\n9\n5\n";
+
+/// Recipes that are shipped.
+pub fn recipes() -> Vec<Vec<u8>> {
+    let examples = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples");
+    ["bracket/bracket.toml", "schwarz_block.toml"]
+        .map(|name| fs::read(examples.join(name)).unwrap())
+        .to_vec()
+}
 
 /// Cases of each of these formats.
 pub const CASES: usize = 50;

@@ -173,6 +173,14 @@ fn a_name_that_is_none_gets_the_nearest_and_the_list() {
     }
     let (_, hint) = made("rhombic_heptahedron").unwrap_err();
     assert!(hint.unwrap().contains("the solids are tetrahedron, cube"));
+    let (_, hint) = made("rhombic triacontahedron edge=2").unwrap_err();
+    assert!(hint.unwrap().contains("the solids are tetrahedron, cube"));
+    let (_, hint) = made("Truncated Cubeoctahedron edge=2").unwrap_err();
+    let hint = hint.unwrap();
+    assert!(
+        hint.starts_with("did you mean \"great_rhombicuboctahedron\"?"),
+        "{hint}"
+    );
     let (_, hint) = made("extrud cubical").unwrap_err();
     assert_eq!(hint.as_deref(), Some("did you mean \"extrude\"?"));
 }

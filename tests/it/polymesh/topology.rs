@@ -96,7 +96,7 @@ fn two_solids_at_one_vertex_are_pinched_there() {
 
 #[test]
 fn solids_have_equal_edges_planes_and_positive_volume() {
-    assert_eq!(seed::solids().len(), 5 + 15);
+    assert_eq!(seed::solids().len(), 5 + 13);
     for name in seed::solids() {
         let s = seed::solid(name, 2.5).unwrap().summary();
         assert_eq!(s.euler, 2, "{name}");

@@ -25,6 +25,9 @@ fn cell_boxes_of_small_world_boxes_are_tight_and_cheap() {
         (Kind::Hex8, 0.08),
         (Kind::Hex20, 0.05),
         (Kind::Hex27, 0.05),
+        (Kind::Pyramid5, 0.08),
+        (Kind::Pyramid13, 0.05),
+        (Kind::Pyramid14, 0.05),
     ] {
         let scaffold = single(kind, &element_nodes(kind, amplitude, 11));
         let e = scaffold.element(0);

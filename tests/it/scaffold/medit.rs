@@ -115,7 +115,9 @@ fn binary(version: u32, big: bool) -> Vec<u8> {
     {
         let mut body = Vec::new();
         int(&mut body, 1);
-        nodes.iter().for_each(|n| int(&mut body, i64::from(*n)));
+        for n in nodes {
+            int(&mut body, i64::from(*n));
+        }
         int(&mut body, group);
         keyword(&mut out, code, body);
     }

@@ -202,7 +202,7 @@ fn coordinate_systems_that_lead_nowhere_are_refused() {
     let e = refusal("CORD1R,5,1,2,3\nCORD1R,5,1,2,4", 5);
     assert!(e.found().contains("on line 1"), "{e}");
     // A chain of ten thousand systems is no deep recursion.
-    let chain: String = (1..10_000u32)
+    let chain: Vec<String> = (1..10_000u32)
         .map(|n| {
             format!(
                 "CORD2R,{n},{},0.,0.,0.,0.,0.,1.,+\n+,1.,0.,0.\n",
@@ -210,7 +210,7 @@ fn coordinate_systems_that_lead_nowhere_are_refused() {
             )
         })
         .collect();
-    cube(&chain, 1, CORNERS).unwrap();
+    cube(&chain.concat(), 1, CORNERS).unwrap();
 }
 
 /// Grid points of the unit tet and the middle of its edges but that of 3 and 4.
@@ -249,6 +249,28 @@ fn mid_nodes_that_are_left_out_lie_in_the_middle() {
         "{report:?}"
     );
     assert!(file.notes[0].starts_with("7 mid nodes"), "{:?}", file.notes);
+}
+
+#[test]
+fn pyramids_have_thirteen_nodes() {
+    // A base of 2 by 2 and an apex at (0, 0, 3): the mid nodes of the base's edges, then of the others.
+    let grids = "GRID,1,,0.,0.,0.\nGRID,2,,2.,0.,0.\nGRID,3,,2.,2.,0.\nGRID,4,,0.,2.,0.\nGRID,5,,0.,0.,3.\n\
+        GRID,6,,1.,0.,0.\nGRID,7,,2.,1.,0.\nGRID,8,,1.,2.,0.\nGRID,9,,0.,1.,0.\nGRID,10,,0.,0.,1.5\n\
+        GRID,11,,1.,0.,1.5\nGRID,12,,1.,1.,1.5\nGRID,13,,0.,1.,1.5\n";
+    for (name, rest, kind) in [
+        ("CPYRAM", ",6,+\n+,7,8,9,10,11,12,13", "Pyramid13"),
+        ("CPYRA", ",6,+\n+,7,8,9,,,,13", "Pyramid13"),
+        ("CPYRA", "", "Pyramid5"),
+    ] {
+        let text = format!("{grids}{name},1,1,1,2,3,4,5{rest}\n");
+        let found = facts(&read("a.bdf", text).unwrap_or_else(|e| panic!("{e}")));
+        assert_eq!(
+            (found.kinds[kind], found.curved),
+            (1, 0),
+            "{name}: {found:?}"
+        );
+        assert!((found.volume - 4.0).abs() < 1e-9, "{name}: {found:?}");
+    }
 }
 
 #[test]
@@ -361,7 +383,7 @@ fn what_is_not_understood_is_refused_by_name() {
 fn included_files_stand_beside_the_deck() {
     let dir = tempfile::tempdir().unwrap();
     std::fs::create_dir(dir.path().join("parts")).unwrap();
-    let grids: String = TET10.lines().take(4).map(|l| format!("{l}\n")).collect();
+    let grids = TET10.lines().take(4).collect::<Vec<_>>().join("\n");
     std::fs::write(dir.path().join("parts/g.bdf"), grids).unwrap();
     std::fs::write(dir.path().join("parts/all.dat"), "include g.bdf\n").unwrap();
     let deck = "SOL 101\nCEND\nINCLUDE 'case.txt'\nBEGIN BULK\nINCLUDE 'parts/\nall.dat' $ both\nCTETRA,1,1,1,2,3,4\n";

@@ -2,6 +2,7 @@
 
 use druse::io::{ElementFile, ReadError, ScaffoldFile, SurfaceFile, read_elements};
 use druse::scaffold::Kind;
+use std::fmt::Write as _;
 use std::path::Path;
 
 fn read(name: &str, bytes: impl AsRef<[u8]>) -> Result<ElementFile, ReadError> {
@@ -114,8 +115,9 @@ fn in_gmsh_meshes() {
 fn in_decks_also_by_nodes_of_their_own() {
     let mut text = "*NODE\n".to_owned();
     for (i, p) in points().iter().enumerate() {
-        text += &format!(
-            "{},{},{},{}\n{},{},{},{}\n",
+        let _ = writeln!(
+            text,
+            "{},{},{},{}\n{},{},{},{}",
             i + 1,
             p[0],
             p[1],
@@ -130,7 +132,7 @@ fn in_decks_also_by_nodes_of_their_own() {
         let own = nodes
             .map(|n| (if i == 2 { n + 100 } else { n }).to_string())
             .join(",");
-        text += &format!("*ELEMENT, TYPE=C3D8, ELSET=E{i}\n{},{own}\n", i + 1);
+        let _ = writeln!(text, "*ELEMENT, TYPE=C3D8, ELSET=E{i}\n{},{own}", i + 1);
     }
     let file = solids("a.inp", &text);
     check(&file, [1, 2], NOTE);
@@ -164,7 +166,7 @@ fn in_vtk_files_the_fields_of_the_first_are_kept() {
     );
     let mut cells = String::new();
     for hex in HEXES {
-        cells += &format!("8 {}\n", hex.map(|n| (n - 1).to_string()).join(" "));
+        let _ = writeln!(cells, "8 {}", hex.map(|n| (n - 1).to_string()).join(" "));
     }
     let vtk = format!(
         "# vtk DataFile Version 3.0\na\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS 12 double\n{at}\n\

@@ -70,8 +70,8 @@ fn damaged_files_are_refused_with_their_place() {
     let e = refusal("   151\n", "   58b\n");
     assert!(e.hint().unwrap().contains("binary"), "{e}");
     let e = refusal(
-        "         2         0         0        11",
-        "         2         3         0        11",
+        "\n2         0         0        11",
+        "\n2         3         0        11",
     );
     assert!(e.found().contains("coordinate system 3"), "{e}");
     let e = refusal("nodes only\n", "");

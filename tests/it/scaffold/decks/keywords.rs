@@ -266,13 +266,18 @@ fn what_makes_geometry_otherwise_is_refused_by_name() {
     }
     let e = refusal(&(base.clone() + "*ELEMENTS, TYPE=C3D8\n"));
     assert!(e.hint().unwrap().contains("*ELEMENT?"), "{e}");
-    let e = refusal("1,0,0,0\n*ELEMENT, TYPE=C3D8\n");
-    assert!(e.expected().contains("keyword"), "{e}");
+    let e = refusal("1,0,0,0\n2,1,0,0\n");
+    assert!(e.expected().contains("keywords such as *NODE"), "{e}");
+    let file = solids(read(&format!(">**\n>** a part\n{base}")));
+    assert_eq!(
+        file.warnings,
+        ["2 lines before the first keyword are passed over: \">**\""]
+    );
 
     // Known keywords of other things say nothing; unknown ones are named.
     let file = solids(read(
         &(base.clone()
-            + "*SOLID SECTION, ELSET=A, MATERIAL=M\n1.\n*SOLIDSECTION\n*Material, name=M\n*ELASTIC\n1,2\n\
+            + "*SOLID SECTION, ELSET=A, MATERIAL=M\n1.\n*SOLIDSECTION\n*Material, name=M\n*ELASTIC\n1,2\n*COUPLED TEMPERATURE-DISPLACEMENT\n*Pre-tension Section\n\
            *STEP\n*STATIC\n1,1\n*BOUNDARY\n1,1,3\n*NODE PRINT\nU\n*END STEP\n"),
     ));
     assert_eq!(

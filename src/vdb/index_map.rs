@@ -1,0 +1,218 @@
+//! From the numbers of voxels to the world, for any grid of a file: turned, mirrored, sheared, stretched, or a frustum.
+//!
+//! All maps of OpenVDB are polynomials of first degree along each axis: affine ones, and frustums, whose width grows
+//! linearly with depth. Such a map is known from the corners of one cube.
+
+use crate::frame::{Mat3, Vec3};
+use serde::{Deserialize, Serialize};
+use std::fmt::Write;
+
+/// Edge of the cube whose corners say what a map is, voxels.
+const SPAN: f64 = 64.0;
+/// Steps of Newton's method; a few are enough for a frustum.
+const STEPS: usize = 40;
+/// Differences, as a share of a voxel's edge, below which two directions or lengths count as equal.
+const EQUAL: f64 = 1e-6;
+
+/// A map from voxel numbers to the world.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct IndexMap {
+    /// Factors of 1, x, y, xy, z, xz, yz, xyz: bit 0 of the place is x, bit 1 y, bit 2 z.
+    factors: [[f64; 3]; 8],
+}
+
+impl IndexMap {
+    /// The map that takes the corners of the cube from 0 to 64 to these places; bit 0 of a corner's number is x, bit 1
+    /// y, bit 2 z.
+    pub(super) fn of_corners(corners: &[f64; 24]) -> Self {
+        let mut factors: [[f64; 3]; 8] =
+            std::array::from_fn(|n| std::array::from_fn(|a| corners[3 * n + a]));
+        for axis in [1usize, 2, 4] {
+            for n in (0..8usize).filter(|n| n & axis != 0) {
+                let (far, near) = (factors[n], factors[n ^ axis]);
+                factors[n] = std::array::from_fn(|a| (far[a] - near[a]) / SPAN);
+            }
+        }
+        // What differences of rounded places leave of products that are not there.
+        let edge = [1usize, 2, 4].map(|n| Vec3::from(factors[n]).norm());
+        let size = edge[0].max(edge[1]).max(edge[2]);
+        let far = corners.iter().fold(0.0f64, |m, c| m.max(c.abs()));
+        for n in [3usize, 5, 6, 7] {
+            if Vec3::from(factors[n]).norm() <= 1e-9 * size / SPAN + 1e-15 * far {
+                factors[n] = [0.0; 3];
+            }
+        }
+        Self { factors }
+    }
+
+    /// The map of boxes along the axes, from the lengths of their edges and the world position of voxel (0, 0, 0).
+    pub(super) fn boxes(edges: [f64; 3], origin: [f64; 3]) -> Self {
+        let mut factors = [[0.0; 3]; 8];
+        factors[0] = origin;
+        for a in 0..3 {
+            factors[1usize << a][a] = edges[a];
+        }
+        Self { factors }
+    }
+
+    /// The world position of a voxel, or of a place between voxels.
+    pub fn world(&self, index: Vec3) -> Vec3 {
+        self.sum(|n| factor(n, index))
+    }
+
+    fn sum(&self, weight: impl Fn(usize) -> f64) -> Vec3 {
+        let terms = self.factors.iter().enumerate();
+        terms.map(|(n, f)| Vec3::from(*f) * weight(n)).sum()
+    }
+
+    /// The edges of a voxel at a place, as columns.
+    pub fn edges(&self, index: Vec3) -> Mat3 {
+        let column = |axis: usize| {
+            let bit = 1 << axis;
+            self.sum(|n| {
+                if n & bit == 0 {
+                    0.0
+                } else {
+                    factor(n ^ bit, index)
+                }
+            })
+        };
+        Mat3::from_columns(&[column(0), column(1), column(2)])
+    }
+
+    /// The place between voxels that lies at a point of the world; `None` where there is none.
+    pub fn index(&self, world: Vec3) -> Option<Vec3> {
+        let mut index = Vec3::zeros();
+        for _ in 0..STEPS {
+            let step = self.edges(index).try_inverse()? * (world - self.world(index));
+            index += step;
+            if !step.iter().all(|c| c.is_finite()) {
+                return None;
+            }
+            if self.is_affine() || step.norm() < 1e-9 {
+                return Some(index);
+            }
+        }
+        None
+    }
+
+    /// Whether voxels are alike everywhere: no frustum.
+    pub fn is_affine(&self) -> bool {
+        [3usize, 5, 6, 7]
+            .iter()
+            .all(|&n| self.factors[n] == [0.0; 3])
+    }
+
+    /// Whether the map turns left hands into right ones.
+    pub fn is_mirrored(&self, index: Vec3) -> bool {
+        self.edges(index).determinant() < 0.0
+    }
+
+    /// The shortest edge of a voxel at a place.
+    pub fn shortest_edge(&self, index: Vec3) -> f64 {
+        let edges = self.edges(index);
+        edges
+            .column_iter()
+            .map(|c| c.norm())
+            .fold(f64::INFINITY, f64::min)
+    }
+
+    /// Whether voxels have a volume, in a box of them too.
+    pub(super) fn is_regular(&self, low: Vec3, high: Vec3) -> bool {
+        let sign = self.edges(low).determinant().signum();
+        (0..8).all(|n| {
+            let corner = Vec3::from_fn(|a, _| if n >> a & 1 == 1 { high[a] } else { low[a] });
+            let edges = self.edges(corner);
+            let volume = edges.determinant();
+            let lengths: f64 = edges.column_iter().map(|c| c.norm()).product();
+            volume.is_finite() && volume * sign > 1e-9 * lengths && lengths > 0.0
+        })
+    }
+
+    /// What voxels are at a place, in words: "voxels of 0.1 x 0.1 x 0.2, turned".
+    pub fn description(&self, index: Vec3) -> String {
+        let edges = self.edges(index);
+        let [x, y, z] = [0, 1, 2].map(|a| edges.column(a).into_owned());
+        let lengths = [x.norm(), y.norm(), z.norm()];
+        let longest = lengths[0].max(lengths[1]).max(lengths[2]);
+        let [a, b, c] = lengths.map(|l| l as f32);
+        let mut text = if lengths.iter().all(|l| longest - l <= EQUAL * longest) {
+            format!("voxels of {a}")
+        } else {
+            format!("voxels of {a} x {b} x {c}")
+        };
+        let is_sheared = [(x, y), (y, z), (z, x)]
+            .iter()
+            .any(|(u, v)| u.dot(v).abs() > EQUAL * u.norm() * v.norm());
+        let off_axis =
+            (0..3).any(|a| (0..3).any(|b| a != b && edges[(a, b)].abs() > EQUAL * longest));
+        let words = [
+            (!self.is_affine(), "of a frustum"),
+            (self.is_affine() && is_sheared, "sheared"),
+            (off_axis && !is_sheared, "turned"),
+            (edges.determinant() < 0.0, "mirrored"),
+        ];
+        for (_, word) in words.iter().filter(|w| w.0) {
+            let _ = write!(text, ", {word}");
+        }
+        text
+    }
+}
+
+/// The product of those coordinates whose bit is set.
+fn factor(bits: usize, index: Vec3) -> f64 {
+    let own = (0..3).filter(|a| bits >> a & 1 == 1);
+    own.map(|a| index[a]).product()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The map of the corners of the cube of 64 voxels.
+    fn of(map: impl Fn(Vec3) -> Vec3) -> IndexMap {
+        let mut corners = [0.0; 24];
+        for n in 0..8usize {
+            let at = map(Vec3::from_fn(
+                |a, _| if n >> a & 1 == 1 { SPAN } else { 0.0 },
+            ));
+            corners[3 * n..3 * n + 3].copy_from_slice(at.as_slice());
+        }
+        IndexMap::of_corners(&corners)
+    }
+
+    #[test]
+    fn affine_maps_are_found_from_corners() {
+        let edges = Mat3::new(0.1, 0.02, 0.0, 0.0, -0.2, 0.0, 0.03, 0.0, 0.3);
+        let shift = Vec3::new(1.0, -2.0, 3000.0);
+        let map = of(|i| edges * i + shift);
+        assert!(map.is_affine() && map.is_mirrored(Vec3::zeros()));
+        assert!((map.edges(Vec3::zeros()) - edges).norm() < 1e-12);
+        let place = Vec3::new(-7.5, 12.25, 100.0);
+        let world = map.world(place);
+        assert!((world - (edges * place + shift)).norm() < 1e-9);
+        assert!((map.index(world).unwrap() - place).norm() < 1e-6);
+        assert!(
+            map.description(place).contains("sheared, mirrored"),
+            "{}",
+            map.description(place)
+        );
+        assert!((map.shortest_edge(place) - 0.1f64.hypot(0.03)).abs() < 1e-9);
+    }
+
+    #[test]
+    fn frustums_are_found_from_corners() {
+        let map = of(|i| {
+            let width = 0.1 * (1.0 + 0.01 * i.z);
+            Vec3::new((i.x - 20.0) * width, (i.y - 20.0) * width, 0.2 * i.z)
+        });
+        assert!(!map.is_affine() && map.is_regular(Vec3::zeros(), Vec3::repeat(40.0)));
+        let place = Vec3::new(3.0, 33.0, 25.0);
+        let expected = Vec3::new(-17.0 * 0.125, 13.0 * 0.125, 5.0);
+        assert!((map.world(place) - expected).norm() < 1e-9);
+        assert!((map.index(expected).unwrap() - place).norm() < 1e-6);
+        assert!(map.description(place).contains("frustum"));
+        // Where the width vanishes voxels have no volume.
+        assert!(!map.is_regular(Vec3::new(0.0, 0.0, -150.0), Vec3::repeat(40.0)));
+    }
+}
