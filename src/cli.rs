@@ -27,6 +27,7 @@ mod excerpt;
 mod failure;
 mod filter;
 mod fit;
+mod homogenize;
 mod info;
 mod job;
 mod kind;

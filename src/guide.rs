@@ -2,6 +2,9 @@
 //!
 //! The pages are Markdown files in `src/guide`, readable without rustdoc.
 
+// Names of programs and of the recipe's words stand in prose.
+#![allow(clippy::doc_markdown)]
+
 #[doc = include_str!("guide/getting_started.md")]
 pub mod getting_started {}
 #[doc = include_str!("guide/cells.md")]

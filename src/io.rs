@@ -11,7 +11,6 @@
 //! assert_eq!(e.to_string(), "part.ply: line 7: found \"abc\"; expected a number");
 //! assert_eq!(e.class().exit_code(), 65);
 //! ```
-#![doc = include_str!("guide/formats.md")]
 
 pub mod atomic;
 mod beams;

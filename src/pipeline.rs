@@ -38,6 +38,7 @@ mod fit_options;
 mod fractions;
 mod grading;
 mod group;
+mod homogenize;
 mod inputs;
 mod lattice;
 mod memory;
@@ -76,8 +77,13 @@ pub use error::RunError;
 pub use estimate::Estimate;
 pub use fit_options::fit_options;
 pub use group::{group_fault, read_group};
+pub use homogenize::{
+    CellPeriod, beam_period, cell_period, free_memory, period_fault, recipe_period,
+};
 pub use lattice::solid_picture;
-pub use plot::{Curve, Plot, plot, sheet, sheet_columns};
+pub use plot::{
+    Curve, Plot, SweepCurve, modulus_picture, plot, sheet, sheet_columns, sweep_picture,
+};
 pub use probe::{Probe, Probed};
 pub use report::{
     Asked, BandReport, BricksReport, ContinuityReport, Input, MeshFacts, OffsetReport, OutputFile,

@@ -96,6 +96,7 @@ pub use index_map::IndexMap;
 pub use leaves::{LeafView, Leaves, TileView};
 pub use measures::Measures;
 pub use memory::{peak_memory, resident_memory};
+pub(crate) use paint::linear_colour;
 pub use pieces::Piece;
 pub use render::{Image, Picture};
 pub use render_parts::{VisitPart, render_parts};

@@ -1,4 +1,4 @@
-//! `druse cell info`, `eval` and `plot`.
+//! `druse cell info`, `eval`, `plot` and `homogenize`.
 
 use super::{Answer, Failure, Session};
 use crate::cell::{Cell, default_group, groups, lattices, rank};
@@ -51,11 +51,14 @@ enum What {
     },
     /// Draw a cell, beside its source: slices with both surfaces, error against coefficients.
     Plot(super::plot::Parameters),
+    /// Effective stiffness, conductivity and permeability of a cell that repeats for ever.
+    Homogenize(Box<super::homogenize::Parameters>),
 }
 
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     match &p.what {
         What::Plot(p) => super::plot::answer(p, session),
+        What::Homogenize(p) => super::homogenize::answer(p, session),
         What::Info {
             group: Some(group),
             lattice,

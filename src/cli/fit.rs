@@ -32,7 +32,9 @@ pub(super) struct Parameters {
 
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     let threads = super::session::threads(p.threads)?;
-    let (cell, warnings) = threads.install(|| make(p, &threads, session))?;
+    let name = stem(&p.output);
+    let (cell, warnings) =
+        threads.install(|| make(&name, (&p.input, &p.cell), &threads, session))?;
     let bytes = write_cell(&p.output, &cell)?;
     for warning in warnings {
         session.warn_of(warning.code, warning.message)?;
@@ -45,23 +47,25 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
     Ok(Answer::new(text, facts))
 }
 
-fn make(
-    p: &Parameters,
+/// The cell that an input and flags make together.
+pub(super) fn make(
+    name: &str,
+    (input, flags): (&Path, &CellSection),
     threads: &Threads,
     session: &Session,
 ) -> Result<(Cell, Vec<Warning>), Failure> {
-    let name = stem(&p.output);
     let vdb = crate::vdb::Session::new(threads, session);
     let one = |input: &Path, flags: &CellSection| {
         let (section, element) = section(input, flags)?;
-        let made = pipeline::make_cell(&name, &section, element, vdb);
+        let made = pipeline::make_cell(name, &section, element, vdb);
         made.map_err(|e| of_input(e, input))
     };
-    let Some(hybrid) = p.cell.hybrid() else {
-        return one(&p.input, &p.cell);
+    let Some(hybrid) = flags.hybrid() else {
+        return one(input, flags);
     };
-    let mut flags = p.cell.without_hybrid();
-    let (first, mut warnings) = one(&p.input, &flags)?;
+    let all = flags;
+    let mut flags = all.without_hybrid();
+    let (first, mut warnings) = one(input, &flags)?;
     // The others are made for the element of the first.
     flags.element = Some(first.element().into());
     let mut cells = vec![first];
@@ -71,14 +75,14 @@ fn make(
         cells.push(cell.named(&stem));
         warnings.extend(more);
     }
-    let failed = |e: String| Failure::data(&p.input, e);
-    let options = pipeline::fit_options(&p.cell);
-    let cell = hybrid.after("input").make(&name, &cells, &options, session);
+    let failed = |e: String| Failure::data(input, e);
+    let options = pipeline::fit_options(all);
+    let cell = hybrid.after("input").make(name, &cells, &options, session);
     let cell = cell.map_err(|e| match e {
         crate::cell::FitError::Cancelled(_) => Failure::stopped(130),
         e => failed(e.to_string()),
     })?;
-    let cell = pipeline::levelled(cell, &p.cell).map_err(|e| failed(e.to_string()))?;
+    let cell = pipeline::levelled(cell, all).map_err(|e| failed(e.to_string()))?;
     Ok((cell, warnings))
 }
 

@@ -3,7 +3,7 @@
 use super::{Answer, Failure, Session};
 use crate::frame::LengthUnit;
 use crate::pipeline::{Report, RunOptions, run};
-use crate::recipe::{Length, Recipe, Size};
+use crate::recipe::{Length, Onto, Recipe, Size};
 use crate::vdb::isolate::Opened;
 use clap::Args;
 use std::path::Path;
@@ -23,8 +23,8 @@ pub(super) struct GridChoice {
     pub unit: Option<LengthUnit>,
     /// Bring a grid that is turned, mirrored, sheared, stretched or a frustum onto cubes: as fine as its voxels, or
     /// of this edge, as in --resample=0.1mm (bare in the file's unit).
-    #[arg(long, value_name = "LENGTH", num_args = 0..=1, require_equals = true)]
-    pub resample: Option<Option<Size>>,
+    #[arg(long, value_name = "LENGTH", num_args = 0..=1, require_equals = true, default_missing_value = "true")]
+    pub resample: Option<Onto>,
     /// Exchange inside and outside of a level set that is inside out, negative outside.
     #[arg(long)]
     pub invert: bool,
@@ -90,15 +90,14 @@ impl Draft {
             3.0
         };
         let voxel = match choice.resample {
-            Some(Some(size)) => length(size),
+            Some(Onto::Edge(size)) => length(size),
             _ => Value::Float(edge),
         };
         let mut draft = Self::new(unit, voxel.clone(), width);
-        let resample = match choice.resample {
-            Some(Some(_)) => Some(voxel),
-            Some(None) => Some(Value::Boolean(true)),
-            None => None,
-        };
+        let resample = choice.resample.map(|onto| match onto {
+            Onto::Edge(_) => voxel,
+            Onto::Recipe(is_wanted) => Value::Boolean(is_wanted),
+        });
         let source = table([
             ("path", Some(path_value(path)?)),
             ("grid", choice.grid.clone().map(Value::String)),

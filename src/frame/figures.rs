@@ -43,7 +43,7 @@ pub fn place_figures(place: super::Vec3) -> String {
         return format!("({}, {}, {})", place.x, place.y, place.z);
     }
     let power = largest.log10().floor() as i32;
-    if power < -4 || power > 15 {
+    if !(-4..=15).contains(&power) {
         return format!("({:.5e}, {:.5e}, {:.5e})", place.x, place.y, place.z);
     }
     let digits = usize::try_from(5 - power).unwrap_or(0);

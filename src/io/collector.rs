@@ -227,7 +227,7 @@ impl<'a> Collector<'a> {
             let surface = Surface::new(nodes, elements)
                 .map_err(|e| self.refuse(&e, &node_places))?
                 .with_numbers(numbers);
-            return Ok(ElementFile::Surface(SurfaceFile {
+            return Ok(ElementFile::Surface(Box::new(SurfaceFile {
                 surface,
                 groups,
                 fields,
@@ -236,7 +236,7 @@ impl<'a> Collector<'a> {
                 notes: self.notes,
                 warnings: self.warnings,
                 node_numbers,
-            }));
+            })));
         }
         let scaffold = Scaffold::new(nodes, elements)
             .map_err(|e| self.refuse(&e, &node_places))?

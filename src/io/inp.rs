@@ -60,6 +60,8 @@ enum Section {
         generate: bool,
     },
     /// A set of elements, and whether it is one of the assembly, with its instance.
+    // Not of the assembly, of no instance of it, or of one.
+    #[allow(clippy::option_option)]
     Elset {
         name: String,
         generate: bool,

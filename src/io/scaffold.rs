@@ -84,7 +84,7 @@ pub enum ElementFile {
     /// Solid elements.
     Solids(Box<ScaffoldFile>),
     /// Triangles and quads only.
-    Surface(SurfaceFile),
+    Surface(Box<SurfaceFile>),
 }
 
 impl ElementFile {

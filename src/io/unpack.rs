@@ -18,6 +18,9 @@ pub(super) struct Allowance {
 }
 
 impl Allowance {
+    /// What is expected of a file that unpacks to more than it may.
+    pub const EXPECTED: &str = "at most 64 times the file's size in all";
+
     /// That of a file of so many bytes.
     pub fn new(path: &Path, packed: u64) -> Self {
         Self {
@@ -40,9 +43,8 @@ impl Allowance {
             "{what} that unpacks to {bytes} bytes in a file of {} bytes",
             self.packed
         );
-        let expected = format!("at most {TIMES} times the file's size in all");
         Err(
-            ReadError::data(&self.path, Place::File, found, expected).with_hint(
+            ReadError::data(&self.path, Place::File, found, Self::EXPECTED).with_hint(
                 "the file is damaged, or made to fill the memory; if it is neither, pack it less",
             ),
         )

@@ -157,7 +157,7 @@ impl Cells<'_> {
         let points: Vec<Vec3> = own.iter().map(|&n| point(n)).collect::<Option<_>>()?;
         let size = points[..5].iter().map(|p| (p - points[0]).norm());
         let size = size.fold(0.0, f64::max);
-        let largest = points[..5].iter().map(|p| p.amax()).fold(0.0, f64::max);
+        let largest = points[..5].iter().map(Vec3::amax).fold(0.0, f64::max);
         let tolerance = OFF_MIDDLE[0] * size + OFF_MIDDLE[1] * largest;
         let triangles = &Kind::Pyramid14.faces()[1..];
         let off = triangles.iter().zip(&points[14..18]).map(|(face, middle)| {

@@ -15,9 +15,13 @@ use canvas::{Canvas, INK, PALE, RED, Shade};
 use rayon::prelude::*;
 
 mod canvas;
+mod modulus;
 mod sheet;
+mod sweep;
 
+pub use modulus::modulus_picture;
 pub use sheet::{sheet, sheet_columns};
+pub use sweep::{SweepCurve, sweep_picture};
 
 /// Pixels: a slice, its margin, the chart below, and the page.
 const SLICE: usize = 380;

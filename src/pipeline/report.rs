@@ -439,6 +439,8 @@ impl Warning {
     pub const OVERLAP: &'static str = "W113";
     /// W114: a field that jumps across faces that elements share.
     pub const CONTINUITY: &'static str = "W114";
+    /// W130: a phase of a period that does not hang together, or goes on along no axis.
+    pub const DISCONNECTED: &'static str = "W130";
     /// W115: a thickness that no level of a cell gives; the nearest level is used.
     pub const THICKNESS: &'static str = "W115";
     /// W116: a graph that stays fitted though a thickness in units of length is asked.

@@ -46,7 +46,9 @@ impl Scatter {
     /// The nearest points and their shares of a value there; `None` where there are no points.
     pub fn shares(&self, p: Vec3) -> Option<Vec<(u32, f64)>> {
         let (mut near, weights) = self.weighted(p)?;
-        near.iter_mut().for_each(|n| n.1 /= weights);
+        for n in &mut near {
+            n.1 /= weights;
+        }
         Some(near)
     }
 
@@ -59,7 +61,9 @@ impl Scatter {
         if first.1 <= tiny {
             return Some((vec![(first.0, 1.0)], 1.0));
         }
-        near.iter_mut().for_each(|n| n.1 = 1.0 / n.1);
+        for n in &mut near {
+            n.1 = 1.0 / n.1;
+        }
         let weights = near.iter().map(|n| n.1).sum();
         Some((near, weights))
     }

@@ -75,10 +75,19 @@ pub(super) fn skeleton(
     section: &CellSection,
     element: Element,
 ) -> Result<Skeleton, SourceFault> {
+    skeleton_by(section, element, &|path| recipe.resolve(path))
+}
+
+/// The same, with paths as `resolve` finds them.
+pub(super) fn skeleton_by(
+    section: &CellSection,
+    element: Element,
+    resolve: &dyn Fn(&Path) -> PathBuf,
+) -> Result<Skeleton, SourceFault> {
     let Some(f) = section.graph.as_ref().or(section.plates.as_ref()) else {
         return Ok(Skeleton::new());
     };
-    let path = has_extension(&f.path, &GRAPH_FILES).then(|| recipe.resolve(&f.path));
+    let path = has_extension(&f.path, &GRAPH_FILES).then(|| resolve(&f.path));
     Ok(parts(section, f, element, path.as_deref())?.0)
 }
 

@@ -2,7 +2,7 @@
 
 use super::crystal::{CrystalRef, SurfaceRef};
 use super::file::{FileRef, Similarity};
-use super::quantity::{Finite, Length, Size, Unit};
+use super::quantity::{Finite, Length, QuantityError, Size, Unit};
 use super::{Brief, Short};
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::Deserialize;
@@ -10,6 +10,7 @@ use serde::de::{Deserializer, Visitor};
 use std::borrow::Cow;
 use std::fmt;
 use std::path::PathBuf;
+use std::str::FromStr;
 
 /// A solid to combine with.
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
@@ -116,6 +117,17 @@ impl Onto {
     /// Whether a grid is to be resampled.
     pub fn is_wanted(self) -> bool {
         self != Self::Recipe(false)
+    }
+}
+
+impl FromStr for Onto {
+    type Err = QuantityError;
+    fn from_str(s: &str) -> Result<Self, QuantityError> {
+        match s {
+            "true" => Ok(Self::Recipe(true)),
+            "false" => Ok(Self::Recipe(false)),
+            size => size.parse().map(Self::Edge),
+        }
     }
 }
 

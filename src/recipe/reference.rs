@@ -64,13 +64,8 @@ impl Book {
         }
         let is_section = |n: &String| SECTIONS.iter().any(|s| s.1 == n);
         seen.into_iter()
-            .filter(|n| !is_section(n) && !self.is_inline(n))
+            .filter(|n| !is_section(n) && !is_inline(n))
             .collect()
-    }
-
-    /// Whether a definition is said where it is used: a choice between others.
-    fn is_inline(&self, name: &str) -> bool {
-        name.ends_with("OrShort")
     }
 
     /// What a definition says: its sentence, then its keys, or the words it may be.
@@ -134,7 +129,7 @@ impl Book {
     /// How a value is written.
     fn kind(&self, value: &Value) -> String {
         if let Some(name) = reference_name(value) {
-            if self.is_inline(name) {
+            if is_inline(name) {
                 return self.kind(&self.definitions[name]);
             }
             return format!("[{name}](#{})", name.to_lowercase());
@@ -180,6 +175,11 @@ impl Book {
             other => other.into(),
         }
     }
+}
+
+/// Whether a definition is said where it is used: a choice between others.
+fn is_inline(name: &str) -> bool {
+    name.ends_with("OrShort")
 }
 
 /// The definition that a value refers to.

@@ -151,10 +151,10 @@ fn ascending<'de, D: Deserializer<'de>>(d: D) -> Result<Vec<[f64; 2]>, D::Error>
         let message = format!("found {pair:?} in a map; expected pairs of finite numbers");
         return Err(serde::de::Error::custom(message));
     }
-    if let Some(pair) = map.windows(2).find(|p| p[1][0] < p[0][0]) {
+    let next = map.iter().skip(1);
+    if let Some((before, after)) = map.iter().zip(next).find(|(a, b)| b[0] < a[0]) {
         let message = format!(
-            "found {:?} after {:?} in a map; expected values in ascending order",
-            pair[1], pair[0]
+            "found {after:?} after {before:?} in a map; expected values in ascending order"
         );
         return Err(serde::de::Error::custom(message));
     }

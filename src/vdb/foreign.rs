@@ -195,14 +195,13 @@ impl Volume {
         let is_solid = matches!(self.info.class.as_str(), "level set" | "fog volume");
         match self.plan(&GridReading::default()) {
             Ok(Plan::LevelSet(mending)) => notes.extend(mending.notes),
-            Ok(Plan::Isosurface(_)) => {}
             Err(refusal) if is_solid || self.survey.not_finite > 0 => {
                 notes.push(format!(
                     "found {}; expected {}: {}",
                     refusal.found, refusal.expected, refusal.hint
                 ));
             }
-            Err(_) => {}
+            Ok(Plan::Isosurface(_)) | Err(_) => {}
         }
         if !self.info.cubic {
             notes.push(format!(

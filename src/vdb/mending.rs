@@ -22,6 +22,19 @@ pub(super) struct Mending {
 /// Slopes of distances, world units per world unit.
 const SLOPES: [f64; 2] = [0.8, 1.25];
 
+/// A grid without an active voxel: empty, if its background may be that of a band.
+fn empty_level_set(background: f64, h: f64, mut mending: Mending) -> Result<Mending, Refusal> {
+    mending.half_width = background / h;
+    if mending.half_width >= 1.0 && (background as f32).is_normal() {
+        return Ok(mending);
+    }
+    Err(Refusal::new(
+        format!("no active voxel, and the background {background}"),
+        "a background of at least one voxel",
+        "write the grid again in the program that made it: there is no surface in it",
+    ))
+}
+
 impl Volume {
     pub(super) fn slopes(&self) -> Option<Slopes> {
         // Only OpenVDB's own refusals (memory).
@@ -44,7 +57,7 @@ impl Volume {
         let largest = f64::from(survey.largest());
         let background = self.info.background.unwrap_or(0.0);
         if survey.active == 0 {
-            return self.empty_level_set(background, h, mending);
+            return empty_level_set(background, h, mending);
         }
         if survey.negative == survey.active && survey.is_inside_out() && !self.has_inside(-1.0) {
             return Err(Refusal::new(
@@ -124,24 +137,6 @@ impl Volume {
             ));
         }
         Ok(mending)
-    }
-
-    /// A grid without an active voxel: empty, if its background may be that of a band.
-    fn empty_level_set(
-        &self,
-        background: f64,
-        h: f64,
-        mut mending: Mending,
-    ) -> Result<Mending, Refusal> {
-        mending.half_width = background / h;
-        if mending.half_width >= 1.0 && (background as f32).is_normal() {
-            return Ok(mending);
-        }
-        Err(Refusal::new(
-            format!("no active voxel, and the background {background}"),
-            "a background of at least one voxel",
-            "write the grid again in the program that made it: there is no surface in it",
-        ))
     }
 
     /// Whether voxels that are not active say where the inside is, at the surface of a band that is active outside

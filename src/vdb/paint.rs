@@ -46,13 +46,18 @@ impl Paint {
         let [low, high] = self.range;
         let value = *self.values.get(sample)?;
         let span = if high > low { high - low } else { 1.0 };
-        let t = ((value - low) / span).clamp(0.0, 1.0) * (ANCHORS.len() - 1) as f32;
-        let n = (t as usize).min(ANCHORS.len() - 2);
-        let share = t - n as f32;
-        let linear = |c: u8| (f32::from(c) / 255.0).powf(2.2);
-        Some(std::array::from_fn(|c| {
-            let (a, b) = (linear(ANCHORS[n][c]), linear(ANCHORS[n + 1][c]));
-            a + (b - a) * share
-        }))
+        Some(linear_colour((value - low) / span))
     }
+}
+
+/// The linear colour of a number between 0 and 1.
+pub(crate) fn linear_colour(share: f32) -> [f32; 3] {
+    let t = share.clamp(0.0, 1.0) * (ANCHORS.len() - 1) as f32;
+    let n = (t as usize).min(ANCHORS.len() - 2);
+    let share = t - n as f32;
+    let linear = |c: u8| (f32::from(c) / 255.0).powf(2.2);
+    std::array::from_fn(|c| {
+        let (a, b) = (linear(ANCHORS[n][c]), linear(ANCHORS[n + 1][c]));
+        a + (b - a) * share
+    })
 }

@@ -56,7 +56,9 @@ impl Refusal {
 }
 
 pub(super) fn value_hint(value: f64) -> String {
-    let value = value as f32;
+    // Four digits.
+    let step = 10f64.powi(value.abs().max(1e-30).log10().floor() as i32 - 3);
+    let value = ((value / step).round() * step) as f32;
     format!("--value {value}; in a recipe value = {value} beside the path")
 }
 

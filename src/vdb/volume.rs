@@ -39,7 +39,7 @@ impl Volume {
         if info.grid_type == super::file::DOUBLES {
             grid = ffi::grid_as_floats(&grid).map_err(damaged)?;
             info.active_tiles = ffi::grid_facts(&grid).map_err(damaged)?.active_tiles;
-            info.grid_type = super::file::FLOATS.to_owned();
+            super::file::FLOATS.clone_into(&mut info.grid_type);
         }
         if info.grid_type != super::file::FLOATS {
             let (what, hint) = other_type(&info.grid_type);

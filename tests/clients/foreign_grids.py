@@ -279,7 +279,7 @@ def levels(client, made):
     client.check("invert", "leave invert away" in text, text)
     client.is_refused("torn", path("torn"), "torn", "the first at (")
     client.is_refused("torn", path("torn"), "torn", command="check")
-    client.is_refused("unsigned", path("unsigned"), "unsigned", "--value 0.15")
+    client.is_refused("unsigned", path("unsigned"), "unsigned", "--value 0.1")
     wall = 4 / 3 * math.pi * ((RADIUS + 0.15) ** 3 - (RADIUS - 0.15) ** 3)
     client.is_solid("unsigned", path("unsigned"), wall, none, 0.02, "--value", "0.15")
     client.is_solid("hollow", path("hollow"), HOLLOW, none, 0.02)

@@ -6,6 +6,7 @@ mod bricks;
 mod cell;
 mod certificate;
 mod field;
+mod homogenize;
 mod house;
 mod io;
 mod malformed;

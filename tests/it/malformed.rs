@@ -304,14 +304,7 @@ fn formats() -> Vec<Format> {
         row(
             "vtu",
             "vtu",
-            stored(&[
-                "hex8_text.vtu",
-                "hex8_zlib.vtu",
-                "hex8_base64.vtu",
-                "pyramid13.vtu",
-                "lagrange_solids2.vtu",
-                "classic_solids2.vtu",
-            ]),
+            stored(&["pyramid13.vtu", "lagrange_solids2.vtu", "hex8_base64.vtu"]),
             scaffold,
         ),
         row("inp", "inp", decks::seeds(), scaffold),

@@ -203,9 +203,10 @@ impl Assembly {
         pieces: &[Piece],
         collector: &mut Collector,
     ) -> Result<(), ReadError> {
+        type Parts<'p> = Vec<(&'p Piece<'p>, Vec<u32>)>;
         let mut missing = Missing::default();
         // By name in capitals: the name, and each piece's members.
-        let mut own: BTreeMap<String, (&str, Vec<(&Piece, Vec<u32>)>)> = BTreeMap::new();
+        let mut own: BTreeMap<String, (&str, Parts)> = BTreeMap::new();
         for piece in pieces {
             for set in piece.model.element_sets.iter() {
                 let numbers = members(piece, &set.name, path)?;

@@ -167,7 +167,9 @@ impl Model {
     ) -> Result<(), ReadError> {
         if let Some(&known) = self.element_places.get(&number) {
             let mut corners = [self.nodes_of(known), nodes].map(<[u64]>::to_vec);
-            corners.iter_mut().for_each(|c| c.sort_unstable());
+            for c in &mut corners {
+                c.sort_unstable();
+            }
             if corners[0] != corners[1] || self.kinds[known as usize] != kind {
                 return Err(second_element(number, source));
             }

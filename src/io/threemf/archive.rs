@@ -167,15 +167,12 @@ fn percent_decoded(name: &str) -> String {
             .get(n + 1..n + 3)
             .and_then(|d| std::str::from_utf8(d).ok());
         let code = digits.and_then(|d| u8::from_str_radix(d, 16).ok());
-        match code.filter(|_| bytes[n] == b'%') {
-            Some(code) => {
-                out.push(code);
-                n += 3;
-            }
-            None => {
-                out.push(bytes[n]);
-                n += 1;
-            }
+        if let Some(code) = code.filter(|_| bytes[n] == b'%') {
+            out.push(code);
+            n += 3;
+        } else {
+            out.push(bytes[n]);
+            n += 1;
         }
     }
     String::from_utf8_lossy(&out).into_owned()

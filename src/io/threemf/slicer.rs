@@ -55,7 +55,7 @@ pub(super) fn volumes(list: impl BufRead) -> BTreeMap<u32, Vec<Volume>> {
                         match key.as_str() {
                             "volume_type" if said != "ModelPart" => volume.kind = said,
                             "modifier" if said == "1" && volume.kind.is_empty() => {
-                                volume.kind = "ParameterModifier".to_owned();
+                                "ParameterModifier".clone_into(&mut volume.kind);
                             }
                             _ => {}
                         }

@@ -329,7 +329,7 @@ impl Build {
             balls: placed_beams.balls,
             clip,
         };
-        if part.len() > 0 {
+        if !part.is_empty() {
             self.beams.push(part);
         }
         Ok(())

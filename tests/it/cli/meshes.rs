@@ -3,7 +3,7 @@
 use super::{Place, json, refuse, text};
 use crate::io::cubes::{DIALECTS, cubes};
 use druse::frame::{LengthUnit, Vec3};
-use druse::io::write_mesh;
+use druse::io::{MeshView, write_mesh};
 use druse::mesh::TriMesh;
 use std::fmt::Write as _;
 use std::fs;
@@ -19,7 +19,7 @@ const ROLES: &str = "druse = 1\nunit = \"mm\"\n[cell.c]\nmesh = \"FILE\"\nband_l
     [[op]]\nunion = { skin = { mesh = \"FILE\", thickness = 1 } }\n[[output]]\nvdb = \"a.vdb\"\n";
 
 /// Its surface as a scaffold.
-const SHELL: &str = "druse = 1\nunit = \"mm\"\n[cell.c]\nsurface = \"schwarz_p\"\n\
+const SHELL: &str = "druse = 1\nunit = \"mm\"\n[cell.c]\nformula = \"abs(z) - 0.3\"\nband_limit = 2\n\
     [scaffold]\nfile = \"FILE\"\nshell = { thickness = 2 }\n[tiling]\ncell = \"c\"\n[band]\nvoxel_size = 0.5\n\
     [[output]]\nvdb = \"b.vdb\"\n";
 
@@ -201,7 +201,9 @@ fn one_ball_in_every_format_is_one_level_set() {
             extension.rsplit(' ').next().unwrap()
         );
         if matches!(extension, "stl" | "obj" | "ply" | "3mf") {
-            write_mesh(place.0.path().join(&name), &ball, LengthUnit::Millimetre).unwrap();
+            // Text of single precision would not be read as the same numbers.
+            let view = MeshView::from(&ball).in_double(extension == "3mf");
+            write_mesh(place.0.path().join(&name), view, LengthUnit::Millimetre).unwrap();
         } else {
             let own = extension.rsplit(' ').next().unwrap();
             place.write(&name, as_text(own, &vertices, ball.triangles()));

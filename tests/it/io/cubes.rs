@@ -217,7 +217,7 @@ pub const DIALECTS: [&str; 13] = [
 
 pub fn surface(path: &Path) -> SurfaceFile {
     match read_elements(path).unwrap() {
-        ElementFile::Surface(file) => file,
+        ElementFile::Surface(file) => *file,
         ElementFile::Solids(_) => panic!("{}: solids", path.display()),
     }
 }

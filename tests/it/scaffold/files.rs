@@ -107,8 +107,10 @@ fn voxels_are_hexes_and_other_solids_are_refused() {
     assert!(e.expected().contains("4 for a Tet4"), "{e}");
     let e = refusal("a.vtk", &LEGACY.replace("POINTS 8", "POINTS 1000000000000"));
     assert!(e.found().contains("1000000000000"), "{e}");
-    let e = refusal("a.vtk", &LEGACY.replace("UNSTRUCTURED_GRID", "POLYDATA"));
+    let e = refusal("a.vtk", &LEGACY.replace("UNSTRUCTURED_GRID", "FIELD"));
     assert!(e.expected().contains("UNSTRUCTURED_GRID"), "{e}");
+    let e = refusal("a.vtk", &LEGACY.replace("UNSTRUCTURED_GRID", "POLYDATA"));
+    assert!(e.found().contains("no elements"), "{e}");
 }
 
 #[test]
@@ -118,8 +120,10 @@ fn damaged_vtu_files_are_refused() {
         assert!(text.contains(from), "{from}");
         refusal("a.vtu", &text.replacen(from, to, 1))
     };
+    let e = change("UnstructuredGrid\"", "ImageData\"");
+    assert!(e.found().contains("ImageData"), "{e}");
     let e = change("UnstructuredGrid\"", "PolyData\"");
-    assert!(e.found().contains("PolyData"), "{e}");
+    assert!(e.found().contains("no elements"), "{e}");
     let packed = std::fs::read_to_string(data("tet4_zlib.vtu")).unwrap();
     let e = refusal("a.vtu", &packed.replace("vtkZLib", "vtkLZ4"));
     assert!(e.hint().unwrap().contains("zlib"), "{e}");
@@ -197,7 +201,7 @@ fn damaged_msh_files_are_refused_with_their_place() {
     let e = refusal("a.msh", "solid cube\n");
     assert_eq!(e.line(), Some(1));
     let e = refusal("a.stl", "solid cube\n");
-    assert!(e.found().contains("no triangles"), "{e}");
+    assert!(e.found().contains("no elements"), "{e}");
     let nan = HEAD.replace("2 1 0 0", "2 nan 0 0");
     let e = refusal(
         "a.msh",

@@ -2,6 +2,7 @@
 
 use super::zoo::{HEX, LINEAR, TET, VOLUME, WEDGE, check, data, facts, read};
 use druse::io::{ElementFile, Place, ReadError, read_elements, read_scaffold};
+use std::fmt::Write as _;
 
 const GROUPS: [&str; 4] = ["1", "2", "3", "4"];
 
@@ -72,7 +73,7 @@ fn cube(cards: &str, system: u64, points: [[f64; 3]; 8]) -> Result<ElementFile, 
     let mut text = format!("{cards}\n");
     for (n, p) in (1..).zip(points) {
         let [a, b, c] = p.map(|x| format!("{x:.12}"));
-        text += &format!("GRID*,{n},{system},{a},{b}\n*,{c}\n");
+        let _ = write!(text, "GRID*,{n},{system},{a},{b}\n*,{c}\n");
     }
     text += "CHEXA,1,1,1,2,3,4,5,6,+\n+,7,8\n";
     read("a.bdf", text)
@@ -369,8 +370,7 @@ fn what_is_not_understood_is_refused_by_name() {
     let many = "+,7,8,1,2,3,4,1,2,+\n+,3,4,1,2,3,4,5,6,+\n+,1,2,3";
     let e = read(
         "a.bdf",
-        format!("{DECK}")
-            .replace("+H             7       8", many)
+        DECK.replace("+H             7       8", many)
             .replace("6+H", "6"),
     )
     .unwrap_err();

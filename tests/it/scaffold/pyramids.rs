@@ -20,7 +20,7 @@ fn gauss() -> [(f64, f64); 5] {
         (322.0 - 13.0 * 70f64.sqrt()) / 900.0,
     );
     [(-q, w), (-p, v), (0.0, 128.0 / 225.0), (p, v), (q, w)]
-        .map(|(x, w)| ((x + 1.0) / 2.0, w / 2.0))
+        .map(|(x, w)| (f64::midpoint(x, 1.0), w / 2.0))
 }
 
 /// The integral over the reference pyramid, by a rule that is exact for degree 5 in collapsed coordinates

@@ -21,7 +21,7 @@ fn solids(name: &str, bytes: impl AsRef<[u8]>) -> Box<ScaffoldFile> {
 
 fn surface(name: &str, bytes: impl AsRef<[u8]>) -> SurfaceFile {
     match read(name, bytes).unwrap_or_else(|e| panic!("{e}")) {
-        ElementFile::Surface(file) => file,
+        ElementFile::Surface(file) => *file,
         ElementFile::Solids(_) => panic!("solids"),
     }
 }

@@ -389,7 +389,7 @@ fn commands_and_recipes_take_them_as_their_hints_say() {
     for (name, word) in [
         ("turned_ball", "voxels of 0.1, turned"),
         ("inside_out", "inside out"),
-        ("fog255", "active values 2"),
+        ("fog255", "active values 3.75"),
         ("fog255", "0 to 255"),
         ("nan", "NaN at voxel"),
         ("frustum_block", "of a frustum"),

@@ -7,7 +7,7 @@ use std::fmt::Write as _;
 
 fn surface(text: &str) -> SurfaceFile {
     match read(text).unwrap_or_else(|e| panic!("{e}")) {
-        ElementFile::Surface(file) => file,
+        ElementFile::Surface(file) => *file,
         ElementFile::Solids(_) => panic!("solids"),
     }
 }

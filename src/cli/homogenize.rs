@@ -1,0 +1,464 @@
+//! `druse cell homogenize X.cell|NAME`: effective properties of a cell that repeats for ever.
+//!
+//! Two grids, one half as fine, tell how far the numbers are from those of an infinitely fine one; a sweep
+//! takes one grid at each volume fraction and starts from the solution before.
+
+use super::{Answer, Failure, Session};
+use crate::cell::Cell;
+use crate::frame::Element;
+use crate::homogenize::{
+    Conduction, Control, Derivatives, Elasticity, HomogenizeError, Isotropic, Packing, Samples,
+    Sensitivities, Settings, Start, by_coefficients, bytes_per_voxel, compliance, properties,
+    properties_from, sharpened,
+};
+use crate::io::atomic::write_bytes;
+use crate::pipeline::{self, CellPeriod, Warning};
+use crate::progress::Threads;
+use crate::recipe::{CellSection, Fraction, Recipe, Section};
+use clap::{Args, ValueEnum};
+use output::{Found, Material};
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+use sweep::Sweep;
+use warnings::warn_of;
+
+mod output;
+mod sweep;
+mod warnings;
+
+/// Samples along each edge of a voxel, from which its share of solid comes.
+const FINENESS: usize = 2;
+/// Fewest voxels along the period.
+const LEAST_RESOLUTION: usize = 8;
+
+/// Residual at which derivatives, which err by the residual itself, are known well enough.
+const GRADIENT_RESIDUAL: f64 = 1e-7;
+
+#[allow(clippy::struct_excessive_bools)] // Each is a flag of its own.
+#[derive(Args)]
+pub(super) struct Parameters {
+    /// The .cell file, or whatever `druse fit` takes: a surface, struts, plates, a mesh, voxels, a formula; with
+    /// --recipe the name of one of its cells. Struts and plates are round beams (--fitted for a series).
+    cell: PathBuf,
+    /// The results to write (.json or .csv); with --sweep the table. Without it they are printed only.
+    #[arg(short, long, value_name = "FILE")]
+    output: Option<PathBuf>,
+    /// A recipe that has the cell.
+    #[arg(long, value_name = "RECIPE")]
+    recipe: Option<PathBuf>,
+    #[command(flatten)]
+    section: CellSection,
+    /// Struts of a graph and plates as a Fourier series, not as round beams.
+    #[arg(long)]
+    fitted: bool,
+    /// How tets repeat: twelve or six in a cube.
+    #[arg(long, value_enum, default_value = "bcc")]
+    tets: Tets,
+    /// Voxels along the period, an even number.
+    #[arg(long, value_name = "N", default_value_t = 64)]
+    resolution: usize,
+    /// Young's modulus of the solid [default: 1, so that results are relative to it].
+    #[arg(long = "E", value_name = "MODULUS", allow_negative_numbers = true)]
+    young: Option<f64>,
+    /// Poisson's ratio of the solid.
+    #[arg(
+        long = "nu",
+        value_name = "RATIO",
+        default_value_t = 0.3,
+        allow_negative_numbers = true
+    )]
+    poisson: f64,
+    /// Conductivity of the solid, thermal or electric [default: 1].
+    #[arg(long, value_name = "CONDUCTIVITY", allow_negative_numbers = true)]
+    kappa: Option<f64>,
+    /// Moduli and conductivity of the void over those of the solid.
+    #[arg(
+        long,
+        value_name = "SHARE",
+        default_value_t = 1e-4,
+        allow_negative_numbers = true
+    )]
+    void: f64,
+    /// Compute these only.
+    #[arg(long, value_enum, value_delimiter = ',', value_name = "PROPERTY,...")]
+    only: Vec<Property>,
+    /// Voxels wholly solid or void, instead of shares: no bound is ever crossed.
+    #[arg(long)]
+    sharp: bool,
+    /// Solve all load cases, where cubic symmetry makes fewer enough, too.
+    #[arg(long)]
+    all_loads: bool,
+    /// Residual at which iterations end, over that of the load; the stiffness errs by about its square.
+    #[arg(long, value_name = "SHARE", default_value_t = 1e-4)]
+    residual: f64,
+    /// Young's modulus by direction as a table (.csv).
+    #[arg(long, value_name = "E.csv", conflicts_with = "sweep")]
+    modulus: Option<PathBuf>,
+    /// Young's modulus by direction as a picture (.png).
+    #[arg(long, value_name = "E.png", conflicts_with = "sweep")]
+    picture: Option<PathBuf>,
+    /// Derivatives by the level and by every coefficient.
+    #[arg(long, conflicts_with_all = ["sweep", "sharp"])]
+    gradient: bool,
+    /// A table over the volume fraction, as in `volume_fraction=0.1:0.6:0.05`.
+    #[arg(long, value_name = "volume_fraction=FROM:TO:STEP")]
+    sweep: Option<Sweep>,
+    /// The sweep as a picture (.png).
+    #[arg(long, value_name = "X.png", requires = "sweep")]
+    plot: Option<PathBuf>,
+    /// Worker threads [default: one per core].
+    #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true)]
+    threads: usize,
+}
+
+/// A packing of tets.
+#[derive(Clone, Copy, ValueEnum)]
+enum Tets {
+    /// Twelve, between corners and centres of cubes: cubic symmetry.
+    Bcc,
+    /// Six around a diagonal: trigonal symmetry.
+    Kuhn,
+}
+
+/// What is computed.
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Property {
+    Stiffness,
+    Conductivity,
+    Permeability,
+}
+
+impl From<HomogenizeError> for Failure {
+    fn from(e: HomogenizeError) -> Self {
+        let hint = match &e {
+            HomogenizeError::Cancelled(_) => return Self::stopped(130),
+            HomogenizeError::Band { needed, .. } => {
+                format!("--resolution {}", needed.next_multiple_of(2))
+            }
+            HomogenizeError::NotConverged { .. } => {
+                "a larger --residual, or a void less weak: --void 1e-3".to_owned()
+            }
+            HomogenizeError::NoCoefficients => {
+                "struts as a series: --fitted; leave --gradient away".to_owned()
+            }
+            HomogenizeError::NoWalls => "--only stiffness,conductivity".to_owned(),
+            _ => return Self::usage(e.to_string()),
+        };
+        Self::usage(e.to_string()).hint(hint)
+    }
+}
+
+pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
+    let threads = super::session::threads(p.threads)?;
+    let settings = settings(p)?;
+    for (path, extensions) in [
+        (&p.output, &["json", "csv"][..]),
+        (&p.modulus, &["csv"]),
+        (&p.picture, &["png"]),
+        (&p.plot, &["png"]),
+    ] {
+        if let Some(path) = path {
+            check_extension(path, extensions)?;
+        }
+    }
+    let keeps = p.gradient || p.sweep.is_some();
+    check_resolution(p.resolution, &settings, keeps)?;
+    let mut source = threads.install(|| source(p, &threads, session))?;
+    for Warning { code, message } in std::mem::take(&mut source.warnings) {
+        session.warn_of(code, message)?;
+    }
+    threads.install(|| match &p.sweep {
+        Some(sweep) => sweep::answer(p, &source, sweep, &settings, session),
+        None => one(p, &source, &settings, session),
+    })
+}
+
+/// The settings that the flags make, checked.
+fn settings(p: &Parameters) -> Result<Settings, Failure> {
+    let refuse = |flag: &str, found: f64, expected: &str| {
+        Failure::usage(format!("{flag}: found {found}; expected {expected}"))
+    };
+    let young = p.young.unwrap_or(1.0);
+    if !(young.is_finite() && young > 0.0) {
+        return Err(refuse("--E", young, "a positive modulus"));
+    }
+    let solid = Isotropic::new(young, p.poisson).map_err(|_| {
+        refuse(
+            "--nu",
+            p.poisson,
+            "a number between -1 and 0.5, both excluded",
+        )
+    })?;
+    let kappa = p.kappa.unwrap_or(1.0);
+    if !(kappa.is_finite() && kappa > 0.0) {
+        return Err(refuse("--kappa", kappa, "a positive conductivity"));
+    }
+    if !(0.0..1.0).contains(&p.void) {
+        return Err(refuse("--void", p.void, "a share from 0 on, below 1"));
+    }
+    if !(p.residual > 0.0 && p.residual < 1.0) {
+        return Err(refuse("--residual", p.residual, "a share between 0 and 1"));
+    }
+    let wants = |property| p.only.is_empty() || p.only.contains(&property);
+    if p.gradient && !(wants(Property::Stiffness) && wants(Property::Conductivity)) {
+        return Err(Failure::usage(
+            "--gradient needs stiffness and conductivity; expected both in --only",
+        ));
+    }
+    let needs_stiffness = p.modulus.is_some() || p.picture.is_some();
+    if needs_stiffness && !wants(Property::Stiffness) {
+        return Err(Failure::usage(
+            "--modulus and --picture need the stiffness; expected it in --only",
+        ));
+    }
+    Ok(Settings {
+        solid,
+        kappa,
+        void: p.void,
+        stiffness: wants(Property::Stiffness),
+        conductivity: wants(Property::Conductivity),
+        permeability: wants(Property::Permeability),
+        all_loads: p.all_loads || p.gradient,
+        control: Control {
+            tolerance: if p.gradient {
+                p.residual.min(GRADIENT_RESIDUAL)
+            } else {
+                p.residual
+            },
+            ..Control::default()
+        },
+        ..Settings::default()
+    })
+}
+
+fn check_extension(path: &Path, known: &[&str]) -> Result<(), Failure> {
+    let own = path.extension().and_then(|e| e.to_str()).unwrap_or("");
+    if known.iter().any(|k| own.eq_ignore_ascii_case(k)) {
+        return Ok(());
+    }
+    let known: Vec<String> = known.iter().map(|k| format!(".{k}")).collect();
+    Err(Failure::usage(format!(
+        "found the output {}; expected a name with the extension {}",
+        path.display(),
+        known.join(" or ")
+    )))
+}
+
+/// Refuses grids that are too coarse, odd, or too large for the memory that is free.
+fn check_resolution(n: usize, settings: &Settings, keeps: bool) -> Result<(), Failure> {
+    let sampling = 8 * (FINENESS as u64).pow(3) + 16;
+    let each = bytes_per_voxel(settings, keeps).max(sampling) as f64;
+    let free = pipeline::free_memory().map(|m| m as f64);
+    let most = free
+        .map_or(1024, |m| (m / each).cbrt() as usize / 2 * 2)
+        .min(1024);
+    let expected = format!("expected an even number from {LEAST_RESOLUTION} to {most}");
+    if n < LEAST_RESOLUTION || n % 2 == 1 {
+        return Err(Failure::usage(format!(
+            "--resolution: found {n}; {expected}"
+        )));
+    }
+    if n > most {
+        let needed = each * (n as f64).powi(3) / 1e9;
+        let free = free.map_or(String::new(), |m| format!(", {:.1} GB are free", m / 1e9));
+        return Err(Failure::usage(format!(
+            "--resolution: found {n}, which needs {needed:.1} GB{free}; {expected}"
+        )));
+    }
+    Ok(())
+}
+
+/// The period that the arguments mean.
+fn source(p: &Parameters, threads: &Threads, session: &Session) -> Result<CellPeriod, Failure> {
+    let packing = match p.tets {
+        Tets::Bcc => Packing::Bcc,
+        Tets::Kuhn => Packing::Kuhn,
+    };
+    let mut flags = p.section.clone();
+    if p.fitted {
+        flags.section = Some(Section::Fitted);
+    }
+    if let Some(sweep) = p.sweep.as_ref().filter(|_| flags.levels().is_empty()) {
+        // A sheet has no thickness before one is given.
+        flags.volume_fraction = Some(Fraction(sweep.first()));
+    }
+    if let Some(path) = &p.recipe {
+        let recipe = Recipe::read(path, &[])?;
+        let name = p.cell.to_string_lossy();
+        let tools = crate::vdb::Session::new(threads, session);
+        return Ok(pipeline::recipe_period(
+            &recipe, &name, &flags, packing, tools,
+        )?);
+    }
+    // A formula is no path.
+    let name = if p.cell.is_file() {
+        super::fit::stem(&p.cell)
+    } else {
+        p.cell.to_string_lossy().into_owned()
+    };
+    if flags.hybrid().is_none() {
+        let (section, element) = super::fit::section(&p.cell, &flags)?;
+        if !matches!(element, Element::Hex | Element::Quad | Element::Tet) {
+            let refused = HomogenizeError::Element(element.name());
+            return Err(Failure::data(&p.cell, refused.to_string())
+                .hint("wedges, pyramids, triangles and balls do not repeat by themselves"));
+        }
+        let beams = pipeline::beam_period(&name, &section, element, packing)
+            .map_err(|e| super::fit::of_input(e, &p.cell))?;
+        if let Some(found) = beams {
+            return Ok(found);
+        }
+    }
+    flags.section = None;
+    let (cell, warnings) = super::fit::make(&name, (&p.cell, &flags), threads, session)?;
+    pipeline::cell_period(cell, packing, warnings).map_err(|e| super::fit::of_input(e, &p.cell))
+}
+
+/// Samples of a period on one grid, at the level of another if that is known.
+fn sampled(
+    source: &CellPeriod,
+    n: usize,
+    level: Option<f64>,
+    session: &Session,
+) -> Result<Samples, Failure> {
+    let samples = source.period.samples(n, FINENESS, session)?;
+    let level = match (level, source.volume_fraction) {
+        (Some(level), _) => level,
+        (None, Some(fraction)) => samples.level_for_volume_fraction(fraction)?,
+        (None, None) => return Ok(samples),
+    };
+    Ok(samples.with_level(level))
+}
+
+/// Shares as the flags want them.
+fn shares_of(p: &Parameters, samples: &Samples) -> Vec<f64> {
+    let shares = samples.shares();
+    if p.sharp { sharpened(&shares) } else { shares }
+}
+
+/// The properties of one cell, from two grids.
+fn one(
+    p: &Parameters,
+    source: &CellPeriod,
+    settings: &Settings,
+    session: &Session,
+) -> Result<Answer, Failure> {
+    use crate::progress::Progress;
+    let has_series = |c: &Cell| c.series().is_some() || c.planar().is_some();
+    if p.gradient && !source.period.cell().is_some_and(has_series) {
+        return Err(HomogenizeError::NoCoefficients.into());
+    }
+    session.stage("samples", None);
+    let samples = sampled(source, p.resolution, None, session)?;
+    let grid = samples.grid();
+    let level = samples.level();
+    let surface = samples.surface_per_volume();
+    let shares = shares_of(p, &samples);
+    drop(samples);
+    let mut start = p.gradient.then(Start::default);
+    let fine = properties_from(grid, &shares, settings, start.as_mut(), session)?;
+    let gradient = match start {
+        Some(start) => Some(gradient(
+            source,
+            (p, level),
+            (&shares, start),
+            settings,
+            session,
+        )?),
+        None => None,
+    };
+    drop(shares);
+    // The finer grid holds the cell; on one half as fine that has too few voxels there is no error estimate.
+    let half = p.resolution / 2;
+    let coarse = if half >= LEAST_RESOLUTION && source.period.band_limit() <= half as f64 / 2.0 {
+        let samples = sampled(source, half, Some(level), session)?;
+        let (grid, shares) = (samples.grid(), shares_of(p, &samples));
+        Some(properties(grid, &shares, settings, session)?)
+    } else {
+        None
+    };
+    warn_of(source, &fine, p.resolution, level, session)?;
+    let found = Found {
+        name: &source.name,
+        period: &source.period,
+        level,
+        material: Material {
+            young: p.young,
+            poisson: p.poisson,
+            kappa: p.kappa,
+            void: p.void,
+        },
+        surface,
+        is_sharp: p.sharp,
+        fine: &fine,
+        coarse: coarse.as_ref(),
+        gradient: gradient.as_deref(),
+    };
+    let mut written = Vec::new();
+    if let Some(path) = &p.output {
+        let text = if path
+            .extension()
+            .is_some_and(|e| e.eq_ignore_ascii_case("csv"))
+        {
+            found.csv()
+        } else {
+            format!("{:#}\n", found.json())
+        };
+        written.push((path, write_bytes(path, text.as_bytes())?));
+    }
+    if p.modulus.is_some() || p.picture.is_some() {
+        let inverse = fine.stiffness.as_ref().and_then(compliance);
+        let inverse = inverse.ok_or_else(|| {
+            Failure::usage("the stiffness is singular, and has no modulus by direction")
+                .hint("a void that carries a little: --void 1e-4")
+        })?;
+        if let Some(path) = &p.modulus {
+            let table = output::modulus_table(&inverse);
+            written.push((path, write_bytes(path, table.as_bytes())?));
+        }
+        if let Some(path) = &p.picture {
+            let (title, lines) = found.caption();
+            let image = pipeline::modulus_picture(&inverse, &title, &lines);
+            written.push((path, write_bytes(path, &image.png()?)?));
+        }
+    }
+    let mut text = found.text();
+    let mut facts = found.json();
+    let mut files = Vec::new();
+    for (path, bytes) in written {
+        let shown = path.display().to_string();
+        let _ = writeln!(text, "{shown}  {}", super::run::size(bytes));
+        files.push(serde_json::json!({ "path": shown, "bytes": bytes }));
+    }
+    facts["files"] = files.into();
+    Ok(Answer::new(text, facts))
+}
+
+/// Derivatives by every coefficient, from the solutions of all load cases.
+fn gradient(
+    source: &CellPeriod,
+    (p, level): (&Parameters, f64),
+    (shares, start): (&[f64], Start),
+    settings: &Settings,
+    session: &Session,
+) -> Result<Vec<Derivatives>, Failure> {
+    use crate::progress::Progress;
+    session.stage("gradient", None);
+    let grid = source.period.grid(p.resolution)?;
+    let is_cut = |n: usize| shares[n] > 0.0 && shares[n] < 1.0;
+    let void = settings.solid.scaled(settings.void);
+    let elastic = Elasticity::new(grid, shares, settings.solid, void, settings.scheme)?
+        .sensitivity(&start.displacements, &is_cut);
+    let conduction = Conduction::new(
+        grid,
+        shares,
+        settings.kappa,
+        settings.kappa * settings.void,
+        settings.scheme,
+    )?;
+    let thermal = conduction.sensitivity(&start.potentials, &is_cut);
+    drop(start);
+    let samples = sampled(source, p.resolution, Some(level), session)?;
+    let sensitivities = Sensitivities { elastic, thermal };
+    Ok(by_coefficients(&source.period, &samples, &sensitivities)?)
+}

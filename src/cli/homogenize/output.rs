@@ -1,0 +1,419 @@
+//! Effective properties as text, JSON and tables.
+
+use crate::frame::Vec3;
+use crate::homogenize::{
+    Derivatives, EngineeringConstants, LOADS, Period, Properties, Voigt, directional_modulus,
+};
+use serde_json::{Value, json};
+use std::fmt::Write;
+
+/// Degrees between the directions of a table of moduli.
+const STEP: usize = 5;
+
+/// The solid, as it was given.
+pub(super) struct Material {
+    pub young: Option<f64>,
+    pub poisson: f64,
+    pub kappa: Option<f64>,
+    pub void: f64,
+}
+
+/// All that is known of a period.
+pub(super) struct Found<'a> {
+    pub name: &'a str,
+    pub period: &'a Period,
+    pub level: f64,
+    pub material: Material,
+    /// Area of the surface by volume, per reference length.
+    pub surface: f64,
+    pub is_sharp: bool,
+    pub fine: &'a Properties,
+    pub coarse: Option<&'a Properties>,
+    pub gradient: Option<&'a [Derivatives]>,
+}
+
+/// The greatest difference of entries over the greatest entry.
+fn difference<const N: usize>(fine: &[[f64; N]; N], coarse: &[[f64; N]; N]) -> f64 {
+    let greatest = fine.iter().flatten().fold(0.0, |m: f64, v| m.max(v.abs()));
+    let pairs = fine.iter().flatten().zip(coarse.iter().flatten());
+    let difference = pairs.fold(0.0, |m: f64, (a, b)| m.max((a - b).abs()));
+    if greatest > 0.0 {
+        difference / greatest
+    } else {
+        0.0
+    }
+}
+
+/// A matrix on an infinitely fine grid, if the error falls with the edge of a voxel.
+fn extrapolated<const N: usize>(fine: &[[f64; N]; N], coarse: &[[f64; N]; N]) -> Vec<Vec<f64>> {
+    let value = |i: usize, j: usize| 2.0 * fine[i][j] - coarse[i][j];
+    (0..N)
+        .map(|i| (0..N).map(|j| value(i, j)).collect())
+        .collect()
+}
+
+impl Found<'_> {
+    /// Hydraulic diameter of the void: four times its volume over its surface, reference lengths.
+    fn hydraulic_diameter(&self) -> Option<f64> {
+        (self.surface > 0.0).then(|| 4.0 * (1.0 - self.fine.volume_fraction) / self.surface)
+    }
+
+    /// The bulk modulus that its bound is for: of a planar period that of the plane.
+    fn bulk(&self, e: &EngineeringConstants) -> f64 {
+        match &self.fine.plane_strain {
+            Some(c) => (c[0][0] + c[1][1] + 2.0 * c[0][1]) / 4.0,
+            None => e.bulk,
+        }
+    }
+
+    /// Relative errors of stiffness, conductivity and permeability: their differences to a grid half as fine.
+    fn errors(&self) -> [Option<f64>; 3] {
+        let Some(coarse) = self.coarse else {
+            return [None; 3];
+        };
+        let second = |a: &Option<[[f64; 3]; 3]>, b: &Option<[[f64; 3]; 3]>| {
+            a.as_ref().zip(b.as_ref()).map(|(a, b)| difference(a, b))
+        };
+        let stiffness = self.fine.stiffness.as_ref().zip(coarse.stiffness.as_ref());
+        [
+            stiffness.map(|(a, b)| difference(a, b)),
+            second(&self.fine.conductivity, &coarse.conductivity),
+            second(&self.fine.permeability, &coarse.permeability),
+        ]
+    }
+
+    pub fn json(&self) -> Value {
+        let fine = self.fine;
+        let mut all = serde_json::to_value(fine).unwrap_or_default();
+        all["kind"] = json!("properties");
+        all["cell"] = json!(self.name);
+        all["element"] = json!(self.period.element().name());
+        all["period"] = json!(self.period.describe());
+        all["level"] = json!(self.level);
+        all["sharp"] = json!(self.is_sharp);
+        all["order"] = json!(LOADS);
+        all["material"] = json!({
+            "E": self.material.young.unwrap_or(1.0),
+            "nu": self.material.poisson,
+            "kappa": self.material.kappa.unwrap_or(1.0),
+            "void": self.material.void,
+            "relative": self.material.young.is_none(),
+        });
+        all["surface_per_volume"] = json!(self.surface);
+        all["hydraulic_diameter"] = json!(self.hydraulic_diameter());
+        if let Some(coarse) = self.coarse {
+            let [stiffness, conductivity, permeability] = self.errors();
+            let both = |a: &Option<[[f64; 3]; 3]>, b: &Option<[[f64; 3]; 3]>| {
+                a.as_ref().zip(b.as_ref()).map(|(a, b)| extrapolated(a, b))
+            };
+            let elastic = fine.stiffness.as_ref().zip(coarse.stiffness.as_ref());
+            all["error"] = json!({
+                "coarse_voxels": coarse.voxels,
+                "stiffness": stiffness,
+                "conductivity": conductivity,
+                "permeability": permeability,
+            });
+            all["extrapolated"] = json!({
+                "stiffness": elastic.map(|(a, b)| extrapolated(a, b)),
+                "conductivity": both(&fine.conductivity, &coarse.conductivity),
+                "permeability": both(&fine.permeability, &coarse.permeability),
+            });
+        }
+        if let Some(gradient) = self.gradient {
+            all["gradient"] = serde_json::to_value(gradient).unwrap_or_default();
+        }
+        all
+    }
+
+    /// A table of every number: quantity, row, column, value; of derivatives also the coefficient.
+    pub fn csv(&self) -> String {
+        let mut text = "quantity,i,j,value\n".to_owned();
+        let fine = self.fine;
+        let mut line = |name: &str, i: &str, j: &str, value: f64| {
+            let _ = writeln!(text, "{name},{i},{j},{value}");
+        };
+        line("volume_fraction", "", "", fine.volume_fraction);
+        if let Some(c) = &fine.stiffness {
+            for (i, row) in c.iter().enumerate() {
+                for (j, v) in row.iter().enumerate() {
+                    line("C", LOADS[i], LOADS[j], *v);
+                }
+            }
+        }
+        for (name, matrix) in [
+            ("plane_strain", &fine.plane_strain),
+            ("plane_stress", &fine.plane_stress),
+        ] {
+            let of = ["11", "22", "12"];
+            for (i, row) in matrix.iter().flatten().enumerate() {
+                for (j, v) in row.iter().enumerate() {
+                    line(name, of[i], of[j], *v);
+                }
+            }
+        }
+        if let Some(e) = &fine.engineering {
+            for a in 0..3 {
+                let axis = ["1", "2", "3"][a];
+                line("E", axis, "", e.young[a]);
+                line("G", ["2", "1", "1"][a], ["3", "3", "2"][a], e.shear[a]);
+                line("nu", ["1", "1", "2"][a], ["2", "3", "3"][a], e.poisson[a]);
+            }
+            for (name, v) in [
+                ("bulk", e.bulk),
+                ("bulk_reuss", e.bulk_reuss),
+                ("shear_voigt", e.shear_voigt),
+                ("shear_reuss", e.shear_reuss),
+                ("zener", e.zener),
+                ("anisotropy", e.anisotropy),
+            ] {
+                line(name, "", "", v);
+            }
+        }
+        for (name, matrix) in [
+            ("conductivity", &fine.conductivity),
+            ("permeability", &fine.permeability),
+        ] {
+            for (i, row) in matrix.iter().flatten().enumerate() {
+                for (j, v) in row.iter().enumerate() {
+                    line(name, ["1", "2", "3"][i], ["1", "2", "3"][j], *v);
+                }
+            }
+        }
+        for (name, [lower, upper], over) in [
+            ("bulk_bound", fine.bounds.bulk, fine.over_bounds.bulk),
+            ("shear_bound", fine.bounds.shear, fine.over_bounds.shear),
+            (
+                "conductivity_bound",
+                fine.bounds.conductivity,
+                fine.over_bounds.conductivity,
+            ),
+        ] {
+            line(name, "lower", "", lower);
+            line(name, "upper", "", upper);
+            if let Some(over) = over {
+                line(name, "over", "", over);
+            }
+        }
+        for (name, error) in ["stiffness", "conductivity", "permeability"]
+            .into_iter()
+            .zip(self.errors())
+        {
+            if let Some(error) = error {
+                line("error", name, "", error);
+            }
+        }
+        line("surface_per_volume", "", "", self.surface);
+        if let Some(d) = self.hydraulic_diameter() {
+            line("hydraulic_diameter", "", "", d);
+        }
+        for d in self.gradient.unwrap_or_default() {
+            let k = d.k.as_ref().map_or(String::new(), |k| {
+                let shown: Vec<String> = k.iter().map(ToString::to_string).collect();
+                format!("({})", shown.join(" "))
+            });
+            let name = |of: &str| format!("d {of} / d {}{k}", d.part);
+            line(&name("volume_fraction"), "", "", d.volume_fraction);
+            for i in 0..6 {
+                for j in i..6 {
+                    line(&name("C"), LOADS[i], LOADS[j], d.stiffness[i][j]);
+                }
+            }
+            for i in 0..3 {
+                for j in i..3 {
+                    let of = ["1", "2", "3"];
+                    line(&name("conductivity"), of[i], of[j], d.conductivity[i][j]);
+                }
+            }
+        }
+        text
+    }
+
+    pub fn text(&self) -> String {
+        let fine = self.fine;
+        let [nx, ny, nz] = fine.voxels;
+        let mut text = format!(
+            "{}: {} of a {} cell, {nx} x {ny} x {nz} voxels{}, volume fraction {:.5}\n",
+            self.name,
+            self.period.describe(),
+            self.period.element().name(),
+            if self.is_sharp { ", sharp" } else { "" },
+            fine.volume_fraction,
+        );
+        let young = self.material.young.unwrap_or(1.0);
+        let unit = if self.material.young.is_some() {
+            ""
+        } else {
+            ", relative to the solid's E"
+        };
+        if let Some(c) = &fine.stiffness {
+            let _ = writeln!(text, "stiffness (11 22 33 23 13 12{unit}):");
+            matrix(&mut text, c);
+        }
+        for (name, c) in [
+            ("plane strain", &fine.plane_strain),
+            ("plane stress", &fine.plane_stress),
+        ] {
+            if let Some(c) = c {
+                let _ = writeln!(text, "{name} (11 22 12{unit}):");
+                matrix(&mut text, c);
+            }
+        }
+        if let Some(e) = &fine.engineering {
+            let [x, y, z] = e.young.map(short);
+            let [a, b, c] = e.shear.map(short);
+            let [p, q, r] = e.poisson.map(|v| format!("{v:.4}"));
+            let _ = writeln!(
+                text,
+                "E 1 2 3: {x} {y} {z}   G 23 13 12: {a} {b} {c}   nu 12 13 23: {p} {q} {r}"
+            );
+            let _ = writeln!(
+                text,
+                "{} {} ({}), Zener ratio {:.4}, anisotropy {:.4}",
+                if nz == 1 { "plane bulk" } else { "bulk" },
+                short(self.bulk(e)),
+                of_bound(fine.over_bounds.bulk),
+                e.zener,
+                e.anisotropy
+            );
+            let _ = writeln!(
+                text,
+                "shear {} under uniform stress ({})",
+                short(e.shear_reuss),
+                of_bound(fine.over_bounds.shear)
+            );
+        } else if fine.stiffness.is_some() {
+            let _ = writeln!(
+                text,
+                "the stiffness is singular against E = {}",
+                short(young)
+            );
+        }
+        if let Some(k) = &fine.conductivity {
+            let over = of_bound(fine.over_bounds.conductivity);
+            let unit = if self.material.kappa.is_some() {
+                ""
+            } else {
+                ", relative to the solid's"
+            };
+            let _ = writeln!(text, "conductivity{unit} ({over}):");
+            matrix(&mut text, k);
+        }
+        if let Some(k) = &fine.permeability {
+            let _ = writeln!(text, "permeability of the void (edge^2):");
+            matrix(&mut text, k);
+        }
+        let mut parts = Vec::new();
+        let names = ["stiffness", "conductivity", "permeability"];
+        for (name, error) in names.into_iter().zip(self.errors()) {
+            parts.extend(error.map(|e| format!("{name} {:.2} %", 100.0 * e)));
+        }
+        if let (Some(coarse), false) = (self.coarse, parts.is_empty()) {
+            let _ = writeln!(
+                text,
+                "error, as the difference to {} voxels: {}",
+                coarse.voxels[0],
+                parts.join(", ")
+            );
+        }
+        let _ = write!(text, "surface per volume {:.4} / edge", self.surface);
+        if let Some(d) = self.hydraulic_diameter() {
+            let _ = write!(text, ", hydraulic diameter {d:.4} edge");
+        }
+        text.push('\n');
+        if fine.load_cases > 0 {
+            let _ = writeln!(
+                text,
+                "{} load cases, at most {} iterations",
+                fine.load_cases, fine.iterations[0]
+            );
+        }
+        if let Some(gradient) = self.gradient {
+            let _ = writeln!(
+                text,
+                "derivatives: C11, C12, C44, conductivity 11, volume fraction"
+            );
+            for d in gradient {
+                let k = d.k.as_ref().map_or(String::new(), |k| format!("{k:?} "));
+                let _ = writeln!(
+                    text,
+                    "  {k}{}: {} {} {} {} {}",
+                    d.part,
+                    short(d.stiffness[0][0]),
+                    short(d.stiffness[0][1]),
+                    short(d.stiffness[3][3]),
+                    short(d.conductivity[0][0]),
+                    short(d.volume_fraction)
+                );
+            }
+        }
+        text
+    }
+
+    /// Title and lines beside a picture.
+    pub fn caption(&self) -> (String, Vec<String>) {
+        let fine = self.fine;
+        let title = format!("{}: {}", self.name, self.period.describe());
+        let mut lines = vec![format!("volume fraction {:.4}", fine.volume_fraction)];
+        if self.material.young.is_none() {
+            lines.push("relative to the solid's E".to_owned());
+        }
+        lines.push(format!("Poisson's ratio {}", self.material.poisson));
+        if let Some(e) = &fine.engineering {
+            lines.push(format!("Zener ratio {:.4}", e.zener));
+            lines.push(format!("bulk modulus {}", short(e.bulk)));
+        }
+        (title, lines)
+    }
+}
+
+/// A share of a bound in words.
+fn of_bound(share: Option<f64>) -> String {
+    share.map_or("no bound".to_owned(), |s| {
+        format!("{s:.3} of the Hashin-Shtrikman bound")
+    })
+}
+
+/// Five digits.
+fn short(v: f64) -> String {
+    if v == 0.0 {
+        return "0".to_owned();
+    }
+    if (1e-3..1e6).contains(&v.abs()) {
+        let digits = (4 - v.abs().log10().floor() as i32).clamp(0, 8) as usize;
+        format!("{v:.digits$}")
+    } else {
+        format!("{v:.4e}")
+    }
+}
+
+/// Rows of a matrix; entries that rounding leaves are 0.
+fn matrix<const N: usize>(text: &mut String, m: &[[f64; N]; N]) {
+    let greatest = m.iter().flatten().fold(0.0, |a: f64, v| a.max(v.abs()));
+    for row in m {
+        text.push(' ');
+        for v in row {
+            let shown = if v.abs() < 1e-6 * greatest { 0.0 } else { *v };
+            let _ = write!(text, " {:>11}", short(shown));
+        }
+        text.push('\n');
+    }
+}
+
+/// Young's modulus over all directions: polar angle from z and angle around it in degrees, the direction, the
+/// modulus.
+pub(super) fn modulus_table(compliance: &Voigt) -> String {
+    let mut text = "theta,phi,x,y,z,E\n".to_owned();
+    for theta in (0..=180).step_by(STEP) {
+        for phi in (0..360).step_by(STEP) {
+            let [polar, around] = [theta, phi].map(|d: usize| (d as f64).to_radians());
+            let n = Vec3::new(
+                libm::sin(polar) * libm::cos(around),
+                libm::sin(polar) * libm::sin(around),
+                libm::cos(polar),
+            );
+            let e = directional_modulus(compliance, n);
+            let _ = writeln!(text, "{theta},{phi},{},{},{},{e}", n.x, n.y, n.z);
+        }
+    }
+    text
+}

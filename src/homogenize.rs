@@ -1,0 +1,162 @@
+//! Effective properties of a periodic cell: stiffness, conductivity, permeability.
+//!
+//! A [`Period`] is the field that repeats; [`Samples`] of it give each voxel its share of solid. [`Elasticity`]
+//! and [`Conduction`] solve for unit mean strains and gradients by conjugate gradients in the space of
+//! displacements, preconditioned by the Green operator of the solid in Fourier space (Moulinec and Suquet 1998;
+//! Zeman and others 2010), on Willot's rotated scheme (2015), which suits voids. [`Stokes`] solves for creeping
+//! flow on a staggered grid. [`properties()`] does all three; [`by_coefficients`] gives derivatives by the
+//! coefficients of a cell.
+//!
+//! Voxels that the surface cuts have moduli mixed arithmetically by the share of solid (Voigt). On lattices
+//! laminates across the interface come no closer (Lucarini, Cobian, Voitus and Segurado 2021; the tests compare
+//! both). Where interfaces are wider than a voxel an arithmetic mean overestimates stiffness: [`sharpened`]
+//! shares keep all bounds.
+//!
+//! Conventions: Voigt order 11 22 33 23 13 12 with engineering shear; moduli in the unit of those given;
+//! permeability in squares of the period's edge. The same bytes come out at any number of threads.
+//!
+//! ```
+//! use druse::homogenize::{Grid, Settings, properties};
+//! use druse::progress::Silent;
+//! // Layers across x, half of them solid.
+//! let grid = Grid::cube(8).unwrap();
+//! let shares: Vec<f64> = (0..512).map(|n| f64::from(u8::from(n / 64 < 4))).collect();
+//! let settings = Settings { void: 0.5, permeability: false, ..Settings::default() };
+//! let found = properties(grid, &shares, &settings, &Silent).unwrap();
+//! let k = found.conductivity.unwrap();
+//! assert!((k[0][0] - 2.0 / (1.0 + 1.0 / 0.5)).abs() < 1e-6 && (k[1][1] - 0.75).abs() < 1e-6);
+//! ```
+// Small functions of hot loops, compiled for the processor that their caller is for.
+#![allow(clippy::inline_always)]
+
+use crate::progress::Cancelled;
+
+mod bounds;
+mod cg;
+mod collocation;
+mod conductivity;
+mod connectivity;
+mod derivative;
+mod elasticity;
+mod gradient;
+mod grid;
+mod material;
+mod packing;
+mod period;
+mod phases;
+mod properties;
+mod spectral;
+mod stencil;
+mod stokes;
+mod tensor;
+
+pub use bounds::Bounds;
+pub use cg::Control;
+pub use conductivity::{Conduction, Conductivity};
+pub use connectivity::Connectivity;
+pub use derivative::Scheme;
+pub use elasticity::{Elasticity, LOADS, Stiffness};
+pub use gradient::{Derivatives, Sensitivities, by_coefficients};
+pub use grid::Grid;
+pub use material::{Isotropic, laminate};
+pub use packing::Packing;
+pub use period::Period;
+pub use phases::{Samples, mean, sharpened};
+pub use properties::{
+    BoundDistances, Properties, Settings, Start, bytes_per_voxel, properties, properties_from,
+};
+pub use stokes::{Permeability, Stokes};
+pub use tensor::{
+    EngineeringConstants, PAIRS, Voigt, compliance, cubic_means, directional_modulus, engineering,
+    rotated, symmetrised,
+};
+
+/// Why properties cannot be had.
+#[derive(Debug, thiserror::Error)]
+pub enum HomogenizeError {
+    /// A grid or its values.
+    #[error("{0}")]
+    Grid(String),
+    /// A material that cannot be.
+    #[error("found {what} {found}; expected {expected}")]
+    Material {
+        /// Which constant.
+        what: &'static str,
+        /// What was given.
+        found: f64,
+        /// What it may be.
+        expected: &'static str,
+    },
+    /// An element without a period here.
+    #[error("found a cell for a {0}; expected one for a hex, a quad or a tet")]
+    Element(&'static str),
+    /// A cell of a tet that depends on the numbering of its vertices.
+    #[error(
+        "found a cell of the group {group} with {operators} operators; expected the tet's whole group Td with \
+         24, since neighbours in a packing of tets are numbered unlike"
+    )]
+    Numbering {
+        /// The cell's group.
+        group: String,
+        /// Number of its operators.
+        operators: usize,
+    },
+    /// Frequencies that the grid cannot hold.
+    #[error(
+        "found frequencies up to {limit:.3} cycles per period; expected at most {nyquist}, the Nyquist frequency \
+         of the grid: {needed} voxels along the period hold them"
+    )]
+    Band {
+        /// Greatest frequency of the field, cycles per period.
+        limit: f64,
+        /// The grid's.
+        nyquist: f64,
+        /// Voxels that are enough.
+        needed: usize,
+    },
+    /// A volume fraction that no level gives.
+    #[error("found the volume fraction {0}; expected a number between 0 and 1, both excluded")]
+    Fraction(f64),
+    /// No wall holds the flow.
+    #[error("found no solid voxel; expected walls, without which the permeability is infinite")]
+    NoWalls,
+    /// Iterations did not reach their goal.
+    #[error(
+        "the residual is {residual:.2e} after {iterations} iterations; expected {tolerance:.0e}"
+    )]
+    NotConverged {
+        /// Iterations made.
+        iterations: usize,
+        /// Relative residual.
+        residual: f64,
+        /// The goal.
+        tolerance: f64,
+    },
+    /// Derivatives by coefficients of what has none.
+    #[error(
+        "found beams or an expression of several series; expected a cell that is one Fourier series, whose \
+         coefficients derivatives are taken by"
+    )]
+    NoCoefficients,
+    /// The user stopped it.
+    #[error(transparent)]
+    Cancelled(#[from] Cancelled),
+}
+
+/// Refuses shares that are not shares of this grid.
+fn check_shares(grid: Grid, shares: &[f64]) -> Result<(), HomogenizeError> {
+    if shares.len() != grid.voxels() {
+        return Err(HomogenizeError::Grid(format!(
+            "found {} shares; expected {}, one of each voxel",
+            shares.len(),
+            grid.voxels()
+        )));
+    }
+    if let Some(n) = shares.iter().position(|s| !(0.0..=1.0).contains(s)) {
+        return Err(HomogenizeError::Grid(format!(
+            "found the share {} in voxel {n}; expected 0 to 1",
+            shares[n]
+        )));
+    }
+    Ok(())
+}

@@ -1,0 +1,76 @@
+//! Hashin-Shtrikman bounds of two-phase isotropic media.
+//!
+//! In space: Hashin and Shtrikman 1963. In the plane (fibres along z, plane strain): Hashin 1965, with the
+//! plane bulk modulus lambda + mu. Bounds hold for any isotropic medium, those of bulk modulus and
+//! conductivity for cubic ones too, those of shear modulus for the shear moduli' means over directions.
+
+use super::Isotropic;
+
+/// Lower and upper bounds.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct Bounds {
+    /// Of the bulk modulus; in the plane of lambda + mu.
+    pub bulk: [f64; 2],
+    /// Of the shear modulus.
+    pub shear: [f64; 2],
+    /// Of the conductivity.
+    pub conductivity: [f64; 2],
+}
+
+/// The mean by a comparison value: exact for both bounds.
+fn compared(values: [f64; 2], share: f64, comparison: f64) -> f64 {
+    if values == [0.0; 2] {
+        return 0.0;
+    }
+    let part = |value: f64, share: f64| share / (value + comparison);
+    let sum = part(values[0], share) + part(values[1], 1.0 - share);
+    // A phase without stiffness beside a comparison without stiffness carries nothing.
+    if sum.is_finite() {
+        1.0 / sum - comparison
+    } else {
+        0.0
+    }
+}
+
+fn both(values: [f64; 2], share: f64, comparison: impl Fn(usize) -> f64) -> [f64; 2] {
+    let [a, b] = [0, 1].map(|n| compared(values, share, comparison(n)));
+    [a.min(b), a.max(b)]
+}
+
+impl Bounds {
+    /// Bounds in space; `share` is that of the first material, `conductivities` are of both.
+    pub fn in_space(materials: [Isotropic; 2], conductivities: [f64; 2], share: f64) -> Self {
+        let bulk = materials.map(Isotropic::bulk);
+        let shear = materials.map(|m| m.mu);
+        let zeta = |n: usize| {
+            let (k, g) = (bulk[n], shear[n]);
+            if g == 0.0 {
+                return 0.0;
+            }
+            g / 6.0 * (9.0 * k + 8.0 * g) / (k + 2.0 * g)
+        };
+        Self {
+            bulk: both(bulk, share, |n| 4.0 / 3.0 * shear[n]),
+            shear: both(shear, share, zeta),
+            conductivity: both(conductivities, share, |n| 2.0 * conductivities[n]),
+        }
+    }
+
+    /// Bounds in the plane, plane strain.
+    pub fn in_plane(materials: [Isotropic; 2], conductivities: [f64; 2], share: f64) -> Self {
+        let bulk = materials.map(|m| m.lambda + m.mu);
+        let shear = materials.map(|m| m.mu);
+        let zeta = |n: usize| {
+            let (k, g) = (bulk[n], shear[n]);
+            if g == 0.0 {
+                return 0.0;
+            }
+            k * g / (k + 2.0 * g)
+        };
+        Self {
+            bulk: both(bulk, share, |n| shear[n]),
+            shear: both(shear, share, zeta),
+            conductivity: both(conductivities, share, |n| conductivities[n]),
+        }
+    }
+}

@@ -1,0 +1,174 @@
+//! Preconditioned conjugate gradients on periodic fields, the same bytes at any number of threads.
+//!
+//! Solution and residual are in double precision; search directions are rounded to single precision, which
+//! changes the path and not the result, since the residual is that of the rounded direction.
+
+use super::HomogenizeError;
+use crate::lanes::widely;
+use crate::progress::Progress;
+use rayon::prelude::*;
+
+/// Numbers that one task sums or updates.
+const CHUNK: usize = 1 << 13;
+
+/// A symmetric positive system on periodic fields.
+pub(super) trait System {
+    /// K p.
+    fn apply(&self, p: &[f32], q: &mut [f64]);
+    /// The residual of a solution under the present load.
+    fn residual(&self, u: &[f64], r: &mut [f64]);
+    /// An approximate inverse of K.
+    fn precondition(&mut self, r: &[f64], z: &mut [f64]);
+}
+
+/// When iterations end.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Control {
+    /// Residual over that of the load alone, in the norm of strains.
+    pub tolerance: f64,
+    /// Iterations after which the solution is refused.
+    pub max_iterations: usize,
+}
+
+impl Default for Control {
+    fn default() -> Self {
+        Self {
+            tolerance: 1e-6,
+            max_iterations: 5000,
+        }
+    }
+}
+
+/// Buffers that all load cases share.
+pub(super) struct Workspace {
+    r: Vec<f64>,
+    q: Vec<f64>,
+    p: Vec<f32>,
+}
+
+impl Workspace {
+    pub fn new(count: usize) -> Self {
+        Self {
+            r: vec![0.0; count],
+            q: vec![0.0; count],
+            p: vec![0.0; count],
+        }
+    }
+}
+
+/// The sum of products, chunk by chunk in a fixed order.
+pub(super) fn dot<T: Copy + Into<f64> + Sync>(a: &[T], b: &[f64]) -> f64 {
+    let parts: Vec<f64> = a
+        .par_chunks(CHUNK)
+        .zip(b.par_chunks(CHUNK))
+        .map(|(a, b)| {
+            let mut lanes = [0.0; 8];
+            widely(
+                #[inline(always)]
+                || {
+                    let (ca, cb) = (a.chunks_exact(8), b.chunks_exact(8));
+                    let tail = ca.remainder().iter().zip(cb.remainder());
+                    let tail: f64 = tail.map(|(x, y)| (*x).into() * y).sum();
+                    for (x, y) in ca.zip(cb) {
+                        for i in 0..8 {
+                            lanes[i] += x[i].into() * y[i];
+                        }
+                    }
+                    lanes[0] += tail;
+                },
+            );
+            lanes.iter().sum()
+        })
+        .collect();
+    parts.iter().sum()
+}
+
+/// y += factor x.
+pub(super) fn add<T: Copy + Into<f64> + Sync>(y: &mut [f64], factor: f64, x: &[T]) {
+    y.par_chunks_mut(CHUNK)
+        .zip(x.par_chunks(CHUNK))
+        .for_each(|(y, x)| {
+            widely(
+                #[inline(always)]
+                || {
+                    for (y, x) in y.iter_mut().zip(x) {
+                        *y += factor * (*x).into();
+                    }
+                },
+            );
+        });
+}
+
+/// Solves for the present load, starting from `u`; gives the number of iterations. With `is_started` the
+/// start is not zero.
+pub(super) fn solve(
+    system: &mut impl System,
+    u: &mut [f64],
+    is_started: bool,
+    space: &mut Workspace,
+    control: Control,
+    progress: &dyn Progress,
+) -> Result<usize, HomogenizeError> {
+    let Workspace { r, q, p } = space;
+    let mut goal = None;
+    if is_started {
+        // The goal is that of a start from zero.
+        q.fill(0.0);
+        system.residual(q, r);
+        system.precondition(r, q);
+        goal = Some(dot(r, q));
+    }
+    system.residual(u, r);
+    let mut last = 0.0;
+    let mut beta = 0.0;
+    for iteration in 0..=control.max_iterations {
+        if progress.cancelled() {
+            return Err(crate::progress::Cancelled.into());
+        }
+        system.precondition(r, q);
+        let product = dot(r, q);
+        let first = *goal.get_or_insert(product);
+        let residual = (product.max(0.0) / first).sqrt();
+        if first <= 0.0 || product <= 0.0 || residual <= control.tolerance {
+            return Ok(iteration);
+        }
+        if iteration == control.max_iterations || !product.is_finite() {
+            return Err(HomogenizeError::NotConverged {
+                iterations: iteration,
+                residual,
+                tolerance: control.tolerance,
+            });
+        }
+        if iteration > 0 {
+            beta = product / last;
+        }
+        last = product;
+        p.par_chunks_mut(CHUNK)
+            .zip(q.par_chunks(CHUNK))
+            .for_each(|(p, z)| {
+                widely(
+                    #[inline(always)]
+                    || {
+                        for (p, z) in p.iter_mut().zip(z) {
+                            let old = if beta == 0.0 {
+                                0.0
+                            } else {
+                                beta * f64::from(*p)
+                            };
+                            *p = (z + old) as f32;
+                        }
+                    },
+                );
+            });
+        system.apply(p, q);
+        let curvature = dot(p, q);
+        if curvature <= 0.0 {
+            // Nothing is left that the operator sees.
+            return Ok(iteration);
+        }
+        let alpha = product / curvature;
+        add(u, alpha, p);
+        add(r, -alpha, q);
+    }
+    Ok(control.max_iterations)
+}

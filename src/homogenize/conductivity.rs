@@ -1,0 +1,223 @@
+//! Effective conductivity, thermal or electric: three unit gradients on a periodic two-phase medium.
+
+use super::cg::{self, Control, System, Workspace};
+use super::derivative::{Derivative, Scheme};
+use super::grid::Grid;
+use super::spectral::Spectral;
+use super::stencil::{Frequencies, RowMap, green};
+use super::{HomogenizeError, check_shares};
+use crate::progress::Progress;
+use std::sync::Mutex;
+
+/// The medium, its operators and buffers.
+pub struct Conduction<'a> {
+    grid: Grid,
+    shares: &'a [f64],
+    solid: f64,
+    void: f64,
+    derivative: Derivative,
+    frequencies: Frequencies,
+    spectral: Spectral<1>,
+    /// Mean gradient of the present load.
+    gradient: [f64; 3],
+}
+
+/// What the three load cases give.
+pub struct Conductivity {
+    /// The effective conductivity.
+    pub matrix: [[f64; 3]; 3],
+    /// Iterations of each load case.
+    pub iterations: [usize; 3],
+    /// Potentials of the load cases, where they were kept.
+    pub potentials: Vec<Vec<f64>>,
+}
+
+impl<'a> Conduction<'a> {
+    /// A medium of two conductivities; `shares` are those of `solid` in each voxel.
+    ///
+    /// # Errors
+    /// As [`Elasticity::new`](super::Elasticity::new), and [`HomogenizeError::Material`] unless the solid
+    /// conducts and the void does not conduct less than nothing.
+    pub fn new(
+        grid: Grid,
+        shares: &'a [f64],
+        solid: f64,
+        void: f64,
+        scheme: Scheme,
+    ) -> Result<Self, HomogenizeError> {
+        check_shares(grid, shares)?;
+        for (found, least) in [(solid, f64::MIN_POSITIVE), (void, 0.0)] {
+            if !(found.is_finite() && found >= least) {
+                return Err(HomogenizeError::Material {
+                    what: "conductivity",
+                    found,
+                    expected: "a positive number",
+                });
+            }
+        }
+        let derivative = Derivative::new(grid, scheme)?;
+        Ok(Self {
+            frequencies: derivative.frequencies(),
+            spectral: Spectral::new(grid.counts()),
+            grid,
+            shares,
+            solid,
+            void,
+            derivative,
+            gradient: [0.0; 3],
+        })
+    }
+
+    #[inline(always)]
+    fn flux(&self, gradient: &[f64; 3], sign: f64, first: usize, rows: &mut [f64]) {
+        let nz = rows.len() / 3;
+        let shares = &self.shares[first..first + nz];
+        for (row, mean) in rows.chunks_mut(nz).zip(gradient) {
+            for (v, share) in row.iter_mut().zip(shares) {
+                let conductivity = self.void + share * (self.solid - self.void);
+                *v = sign * conductivity * (*v + mean);
+            }
+        }
+    }
+
+    /// Solves load cases: unit gradients along axes. `start` and `keeps` as for
+    /// [`Elasticity::solve`](super::Elasticity::solve).
+    ///
+    /// # Errors
+    /// [`HomogenizeError::Cancelled`] and [`HomogenizeError::NotConverged`].
+    pub fn solve(
+        &mut self,
+        loads: &[usize],
+        start: Vec<Vec<f64>>,
+        keeps: bool,
+        control: Control,
+        progress: &dyn Progress,
+    ) -> Result<Conductivity, HomogenizeError> {
+        let count = self.grid.voxels();
+        let mut space = Workspace::new(count);
+        let mut found = Conductivity {
+            matrix: [[0.0; 3]; 3],
+            iterations: [0; 3],
+            potentials: vec![Vec::new(); 3],
+        };
+        for (load, own) in start.into_iter().enumerate().take(3) {
+            found.potentials[load] = own;
+        }
+        for &load in loads {
+            self.gradient = [0.0; 3];
+            self.gradient[load] = 1.0;
+            let mut u = std::mem::take(&mut found.potentials[load]);
+            let warm = u.len() == count;
+            if !warm {
+                u = vec![0.0; count];
+            }
+            found.iterations[load] = cg::solve(self, &mut u, warm, &mut space, control, progress)?;
+            let gradient = self.gradient;
+            let sum = self
+                .derivative
+                .sum::<1, 3, f64>(&u, &|first, rows: &mut [f64]| {
+                    self.flux(&gradient, 1.0, first, rows);
+                    let nz = rows.len() / 3;
+                    std::array::from_fn(|a| rows[a * nz..(a + 1) * nz].iter().sum())
+                });
+            for (row, s) in found.matrix.iter_mut().zip(sum) {
+                row[load] = s / count as f64;
+            }
+            if keeps {
+                found.potentials[load] = u;
+            }
+            progress.advance(1);
+        }
+        if !keeps {
+            found.potentials.clear();
+        }
+        Ok(found)
+    }
+
+    /// Derivatives of the effective conductivity by the share of solid in each voxel that `wanted` holds,
+    /// times the number of voxels, in the order 11 22 33 23 13 12.
+    ///
+    /// # Panics
+    /// Without the potentials of all three load cases.
+    pub fn sensitivity(
+        &self,
+        potentials: &[Vec<f64>],
+        wanted: &(impl Fn(usize) -> bool + Sync),
+    ) -> Vec<(usize, [f64; 6])> {
+        assert_eq!(potentials.len(), 3, "three load cases");
+        let chosen: Vec<usize> = (0..self.shares.len()).filter(|n| wanted(*n)).collect();
+        let nz = self.grid.counts()[2];
+        let found = Mutex::new(vec![[[0.0; 3]; 3]; chosen.len()]);
+        for (load, u) in potentials.iter().enumerate() {
+            self.derivative
+                .sum::<1, 1, f64>(u, &|first, rows: &mut [f64]| {
+                    let from = chosen.partition_point(|n| *n < first);
+                    let to = chosen.partition_point(|n| *n < first + nz);
+                    if from < to
+                        && let Ok(mut found) = found.lock()
+                    {
+                        for place in from..to {
+                            let k = chosen[place] - first;
+                            for a in 0..3 {
+                                let mean = if a == load { 1.0 } else { 0.0 };
+                                found[place][load][a] = rows[a * nz + k] + mean;
+                            }
+                        }
+                    }
+                    [0.0]
+                });
+        }
+        let difference = self.solid - self.void;
+        let found = found.into_inner().unwrap_or_default();
+        let pairs = [(0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1)];
+        chosen
+            .into_iter()
+            .zip(found)
+            .map(|(n, e)| {
+                let product = |i: usize, j: usize| -> f64 {
+                    difference * (0..3).map(|a| e[i][a] * e[j][a]).sum::<f64>()
+                };
+                (n, pairs.map(|(i, j)| product(i, j)))
+            })
+            .collect()
+    }
+}
+
+/// Fluxes of a medium under a mean gradient, times a sign.
+struct FluxOf<'e, 'a> {
+    medium: &'e Conduction<'a>,
+    gradient: [f64; 3],
+    sign: f64,
+}
+
+impl RowMap for FluxOf<'_, '_> {
+    #[inline(always)]
+    fn map(&self, first: usize, rows: &mut [f64]) {
+        self.medium.flux(&self.gradient, self.sign, first, rows);
+    }
+}
+
+impl System for Conduction<'_> {
+    fn apply(&self, p: &[f32], q: &mut [f64]) {
+        let flux = FluxOf {
+            medium: self,
+            gradient: [0.0; 3],
+            sign: 1.0,
+        };
+        self.derivative.transform::<1, f32>(p, q, &flux);
+    }
+
+    fn residual(&self, u: &[f64], r: &mut [f64]) {
+        let flux = FluxOf {
+            medium: self,
+            gradient: self.gradient,
+            sign: -1.0,
+        };
+        self.derivative.transform::<1, f64>(u, r, &flux);
+    }
+
+    fn precondition(&mut self, r: &[f64], z: &mut [f64]) {
+        let moduli = [self.solid; 2];
+        green(&mut self.spectral, &self.frequencies, moduli, r, z);
+    }
+}

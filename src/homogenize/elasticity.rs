@@ -1,0 +1,361 @@
+//! Effective stiffness: six unit strains on a periodic two-phase medium.
+//!
+//! Displacements are the unknowns, div C (E + sym grad u) = 0, and the Green operator of the solid
+//! preconditions them: in exact arithmetic the iterates are those of conjugate gradients on the projection to
+//! compatible strains, at half the transforms. Void is a weak solid.
+
+use super::cg::{self, Control, System, Workspace};
+use super::derivative::{Derivative, Scheme};
+use super::grid::Grid;
+use super::material::{Isotropic, laminate};
+use super::spectral::Spectral;
+use super::stencil::{Frequencies, RowMap, green};
+use super::tensor::{PAIRS, Voigt};
+use super::{HomogenizeError, check_shares};
+use crate::frame::Vec3;
+use crate::progress::Progress;
+
+/// Load cases by name.
+pub const LOADS: [&str; 6] = ["11", "22", "33", "23", "13", "12"];
+
+/// Rows of gradients that hold the Voigt strains: of shear two, which are added.
+const ROWS: [[usize; 2]; 6] = [[0, 0], [4, 4], [8, 8], [5, 7], [2, 6], [1, 3]];
+
+/// Tensors of voxels that the interface cuts.
+#[derive(Default)]
+struct Laminates {
+    /// Place in `tensors`, or `u32::MAX`; empty if there are none.
+    index: Vec<u32>,
+    tensors: Vec<Voigt>,
+}
+
+/// The medium, its operators and buffers.
+pub struct Elasticity<'a> {
+    grid: Grid,
+    shares: &'a [f64],
+    solid: Isotropic,
+    void: Isotropic,
+    laminates: Laminates,
+    derivative: Derivative,
+    frequencies: Frequencies,
+    spectral: Spectral<3>,
+    /// Mean strain of the present load, engineering shear.
+    strain: [f64; 6],
+}
+
+/// What the six load cases give.
+pub struct Stiffness {
+    /// The effective stiffness.
+    pub matrix: Voigt,
+    /// Iterations of each load case.
+    pub iterations: [usize; 6],
+    /// Displacements of the load cases, where they were kept: layer by layer across x, of
+    /// each the three components over y and z.
+    pub displacements: Vec<Vec<f64>>,
+}
+
+impl<'a> Elasticity<'a> {
+    /// A medium of two materials; `shares` are those of `solid` in each voxel, and moduli are mixed
+    /// arithmetically.
+    ///
+    /// # Errors
+    /// [`HomogenizeError::Grid`] for another number of shares, shares beyond 0 to 1, or a grid that the
+    /// scheme does not take.
+    pub fn new(
+        grid: Grid,
+        shares: &'a [f64],
+        solid: Isotropic,
+        void: Isotropic,
+        scheme: Scheme,
+    ) -> Result<Self, HomogenizeError> {
+        check_shares(grid, shares)?;
+        let derivative = Derivative::new(grid, scheme)?;
+        Ok(Self {
+            frequencies: derivative.frequencies(),
+            spectral: Spectral::new(grid.counts()),
+            grid,
+            shares,
+            solid,
+            void,
+            laminates: Laminates::default(),
+            derivative,
+            strain: [0.0; 6],
+        })
+    }
+
+    /// The same with cut voxels as laminates; `normal` is the direction across the interface in a voxel.
+    #[must_use]
+    pub fn with_laminates(mut self, normal: impl Fn(usize) -> Vec3) -> Self {
+        let mut laminates = Laminates {
+            index: vec![u32::MAX; self.shares.len()],
+            tensors: Vec::new(),
+        };
+        for (n, &share) in self.shares.iter().enumerate() {
+            let normal = normal(n);
+            if share > 0.0 && share < 1.0 && normal.norm() > 0.0 {
+                laminates.index[n] = laminates.tensors.len() as u32;
+                let tensor = laminate(self.solid, share, self.void, normal.normalize());
+                laminates.tensors.push(tensor);
+            }
+        }
+        self.laminates = laminates;
+        self
+    }
+
+    /// Bytes for each voxel that a solution takes; with kept displacements of all load cases.
+    pub fn bytes_per_voxel(keeps: bool) -> u64 {
+        let fields = if keeps { 6 } else { 1 };
+        // Shares, displacements, residual, product, direction, two buffers of transforms.
+        8 + 24 * fields + 24 + 24 + 12 + Spectral::<3>::BYTES_PER_VOXEL + 1
+    }
+
+    /// Stresses of a row of voxels in the place of its displacement gradients, under a mean strain.
+    #[inline(always)]
+    fn stress(&self, strain: &[f64; 6], first: usize, rows: &mut [f64]) {
+        let nz = rows.len() / 9;
+        let shares = &self.shares[first..first + nz];
+        if !self.laminates.index.is_empty() {
+            return self.laminate_stress(strain, first, rows);
+        }
+        let (void, solid) = (self.void, self.solid);
+        let difference = [solid.lambda - void.lambda, solid.mu - void.mu];
+        let (r0, rest) = rows.split_at_mut(nz);
+        let (r1, rest) = rest.split_at_mut(nz);
+        let (r2, rest) = rest.split_at_mut(nz);
+        let (r3, rest) = rest.split_at_mut(nz);
+        let (r4, rest) = rest.split_at_mut(nz);
+        let (r5, rest) = rest.split_at_mut(nz);
+        let (r6, rest) = rest.split_at_mut(nz);
+        let (r7, r8) = rest.split_at_mut(nz);
+        let r8 = &mut r8[..nz];
+        for k in 0..nz {
+            let share = shares[k];
+            let lambda = void.lambda + share * difference[0];
+            let mu = void.mu + share * difference[1];
+            let (xx, yy, zz) = (r0[k] + strain[0], r4[k] + strain[1], r8[k] + strain[2]);
+            let pressure = lambda * (xx + yy + zz);
+            let yz = mu * (r5[k] + r7[k] + strain[3]);
+            let xz = mu * (r2[k] + r6[k] + strain[4]);
+            let xy = mu * (r1[k] + r3[k] + strain[5]);
+            r0[k] = pressure + 2.0 * mu * xx;
+            r4[k] = pressure + 2.0 * mu * yy;
+            r8[k] = pressure + 2.0 * mu * zz;
+            (r5[k], r7[k]) = (yz, yz);
+            (r2[k], r6[k]) = (xz, xz);
+            (r1[k], r3[k]) = (xy, xy);
+        }
+    }
+
+    fn laminate_stress(&self, strain: &[f64; 6], first: usize, rows: &mut [f64]) {
+        let nz = rows.len() / 9;
+        for k in 0..nz {
+            let e = strains(strain, rows, nz, k);
+            let c = self.tensor(first + k);
+            for (i, row) in c.iter().enumerate() {
+                let stress: f64 = row.iter().zip(e).map(|(c, e)| c * e).sum();
+                for r in ROWS[i] {
+                    rows[r * nz + k] = stress;
+                }
+            }
+        }
+    }
+
+    /// The stiffness of a voxel.
+    fn tensor(&self, voxel: usize) -> Voigt {
+        match self.laminates.index.get(voxel) {
+            Some(&n) if n != u32::MAX => self.laminates.tensors[n as usize],
+            _ => self.solid.mixed(self.shares[voxel], self.void).stiffness(),
+        }
+    }
+
+    /// Mean stress under the present strain.
+    fn mean_stress(&self, u: &[f64]) -> [f64; 6] {
+        let strain = self.strain;
+        let sum = self
+            .derivative
+            .sum::<3, 6, f64>(u, &|first, rows: &mut [f64]| {
+                self.stress(&strain, first, rows);
+                let nz = rows.len() / 9;
+                ROWS.map(|r| rows[r[0] * nz..(r[0] + 1) * nz].iter().sum())
+            });
+        sum.map(|s| s / self.grid.voxels() as f64)
+    }
+
+    /// Solves load cases: unit strains by their Voigt numbers. `start` holds displacements to begin with, all
+    /// six or none; with `keeps` the displacements are given back. Columns of other load cases stay zero.
+    ///
+    /// # Errors
+    /// [`HomogenizeError::Cancelled`] and [`HomogenizeError::NotConverged`].
+    pub fn solve(
+        &mut self,
+        loads: &[usize],
+        start: Vec<Vec<f64>>,
+        keeps: bool,
+        control: Control,
+        progress: &dyn Progress,
+    ) -> Result<Stiffness, HomogenizeError> {
+        let count = 3 * self.grid.voxels();
+        let mut space = Workspace::new(count);
+        let mut found = Stiffness {
+            matrix: [[0.0; 6]; 6],
+            iterations: [0; 6],
+            displacements: start,
+        };
+        let is_started = found.displacements.len() == 6;
+        if !is_started {
+            found.displacements.clear();
+        }
+        if keeps && !is_started {
+            found.displacements = vec![Vec::new(); 6];
+        }
+        let mut own = Vec::new();
+        for &load in loads {
+            self.strain = [0.0; 6];
+            self.strain[load] = 1.0;
+            let u = if found.displacements.is_empty() {
+                &mut own
+            } else {
+                &mut found.displacements[load]
+            };
+            let warm = is_started && u.len() == count;
+            if !warm {
+                u.clear();
+                u.resize(count, 0.0);
+            }
+            let mut taken = std::mem::take(u);
+            let solved = cg::solve(self, &mut taken, warm, &mut space, control, progress)?;
+            found.iterations[load] = solved;
+            let stress = self.mean_stress(&taken);
+            for (row, s) in found.matrix.iter_mut().zip(stress) {
+                row[load] = s;
+            }
+            if found.displacements.is_empty() {
+                own = taken;
+            } else {
+                found.displacements[load] = taken;
+            }
+            progress.advance(1);
+        }
+        if !keeps {
+            found.displacements.clear();
+        }
+        Ok(found)
+    }
+
+    /// Derivatives of the effective stiffness by the share of solid in each voxel that `wanted` holds, times
+    /// the number of voxels: `e_i : (C_solid - C_void) : e_j` of the strains of the load cases, in the order of
+    /// [`PAIRS`]. No adjoint problem is needed, the operator is its own adjoint.
+    ///
+    /// # Panics
+    /// Without the displacements of all six load cases.
+    pub fn sensitivity(
+        &self,
+        displacements: &[Vec<f64>],
+        wanted: &(impl Fn(usize) -> bool + Sync),
+    ) -> Vec<(usize, [f64; 21])> {
+        assert_eq!(displacements.len(), 6, "six load cases");
+        let chosen: Vec<usize> = (0..self.shares.len()).filter(|n| wanted(*n)).collect();
+        let nz = self.grid.counts()[2];
+        // Strains of one load case after the other at the chosen voxels.
+        let mut strains_of: Vec<[[f64; 6]; 6]> = vec![[[0.0; 6]; 6]; chosen.len()];
+        for (load, u) in displacements.iter().enumerate() {
+            let mut strain = [0.0; 6];
+            strain[load] = 1.0;
+            let rows = self.gradients_at(u, &chosen, nz);
+            for (all, g) in strains_of.iter_mut().zip(rows) {
+                all[load] = std::array::from_fn(|i| {
+                    let [a, b] = ROWS[i];
+                    strain[i] + if a == b { g[a] } else { g[a] + g[b] }
+                });
+            }
+        }
+        let difference = Isotropic {
+            lambda: self.solid.lambda - self.void.lambda,
+            mu: self.solid.mu - self.void.mu,
+        }
+        .stiffness();
+        let product = |a: &[f64; 6], b: &[f64; 6]| -> f64 {
+            (0..6)
+                .map(|i| a[i] * (0..6).map(|j| difference[i][j] * b[j]).sum::<f64>())
+                .sum()
+        };
+        chosen
+            .into_iter()
+            .zip(strains_of)
+            .map(|(n, e)| (n, PAIRS.map(|(i, j)| product(&e[i], &e[j]))))
+            .collect()
+    }
+
+    /// Displacement gradients at some voxels, in ascending order.
+    fn gradients_at(&self, u: &[f64], chosen: &[usize], nz: usize) -> Vec<[f64; 9]> {
+        let found = std::sync::Mutex::new(vec![[0.0; 9]; chosen.len()]);
+        self.derivative
+            .sum::<3, 1, f64>(u, &|first, rows: &mut [f64]| {
+                let from = chosen.partition_point(|n| *n < first);
+                let to = chosen.partition_point(|n| *n < first + nz);
+                if from < to
+                    && let Ok(mut found) = found.lock()
+                {
+                    for place in from..to {
+                        let k = chosen[place] - first;
+                        found[place] = std::array::from_fn(|r| rows[r * nz + k]);
+                    }
+                }
+                [0.0]
+            });
+        found.into_inner().unwrap_or_default()
+    }
+}
+
+/// Voigt strains of voxel `k` of a row.
+fn strains(mean: &[f64; 6], rows: &[f64], nz: usize, k: usize) -> [f64; 6] {
+    std::array::from_fn(|i| {
+        let [a, b] = ROWS[i];
+        let own = rows[a * nz + k];
+        mean[i] + if a == b { own } else { own + rows[b * nz + k] }
+    })
+}
+
+/// Stresses of a medium under a mean strain, times a sign.
+struct StressOf<'e, 'a> {
+    medium: &'e Elasticity<'a>,
+    strain: [f64; 6],
+    sign: f64,
+}
+
+impl RowMap for StressOf<'_, '_> {
+    #[inline(always)]
+    fn map(&self, first: usize, rows: &mut [f64]) {
+        self.medium.stress(&self.strain, first, rows);
+        if self.sign < 0.0 {
+            for v in rows {
+                *v = -*v;
+            }
+        }
+    }
+}
+
+impl System for Elasticity<'_> {
+    fn apply(&self, p: &[f32], q: &mut [f64]) {
+        let flux = StressOf {
+            medium: self,
+            strain: [0.0; 6],
+            sign: 1.0,
+        };
+        self.derivative.transform::<3, f32>(p, q, &flux);
+    }
+
+    fn residual(&self, u: &[f64], r: &mut [f64]) {
+        let flux = StressOf {
+            medium: self,
+            strain: self.strain,
+            sign: -1.0,
+        };
+        self.derivative.transform::<3, f64>(u, r, &flux);
+    }
+
+    fn precondition(&mut self, r: &[f64], z: &mut [f64]) {
+        let moduli = [self.solid.mu, self.solid.lambda + 2.0 * self.solid.mu];
+        green(&mut self.spectral, &self.frequencies, moduli, r, z);
+    }
+}

@@ -1,0 +1,263 @@
+//! Derivatives of effective properties by the coefficients of a cell.
+//!
+//! The operators are their own adjoints, so that the derivative by the share of solid in a voxel needs the
+//! strains of the load cases and no other solution. Shares are differentiable by the samples of the field, and
+//! samples are linear in the coefficients; the chain is exact for the discretised problem.
+
+use super::HomogenizeError;
+use super::period::{Period, place};
+use super::phases::{Samples, part};
+use super::tensor::{PAIRS, Voigt};
+use crate::cell::Series;
+use crate::frame::{CellPoint, Vec3};
+use rayon::prelude::*;
+use rustfft::num_complex::Complex64;
+use std::collections::BTreeMap;
+use std::f64::consts::TAU;
+
+/// Numbers per voxel: 21 of the stiffness, 6 of the conductivity, the volume.
+const OUTPUTS: usize = 28;
+
+/// Derivatives by one real number of a cell.
+#[derive(Clone, Debug, serde::Serialize)]
+pub struct Derivatives {
+    /// The index k of the coefficient; none of the level.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub k: Option<Vec<i32>>,
+    /// "re" or "im" of the coefficient, or "level".
+    pub part: &'static str,
+    /// Its value.
+    pub value: f64,
+    /// Of the stiffness.
+    pub stiffness: Voigt,
+    /// Of the conductivity.
+    pub conductivity: [[f64; 3]; 3],
+    /// Of the volume fraction.
+    pub volume_fraction: f64,
+}
+
+/// Sensitivities to the shares of voxels, as [`Elasticity`](super::Elasticity) and
+/// [`Conduction`](super::Conduction) give them, of the same voxels in ascending order.
+pub struct Sensitivities {
+    /// Of the stiffness.
+    pub elastic: Vec<(usize, [f64; 21])>,
+    /// Of the conductivity.
+    pub thermal: Vec<(usize, [f64; 6])>,
+}
+
+/// An orbit pair of a series.
+struct Orbit {
+    members: Vec<[i32; 3]>,
+    is_self_paired: bool,
+}
+
+/// The functions that multiply the real numbers of a series.
+struct Basis {
+    orbits: Vec<Orbit>,
+    bound: i32,
+    to_lattice: Box<dyn Fn(Vec3) -> [f64; 3] + Sync>,
+    parameters: Vec<(Vec<i32>, &'static str, f64)>,
+}
+
+impl Basis {
+    fn new<const D: usize>(series: &Series<D>) -> Self {
+        let mut orbits = Vec::new();
+        let mut parameters = Vec::new();
+        for t in series.coefficients() {
+            let orbit = series.group().orbit(t.k);
+            let pad = |k: &[i32; D]| std::array::from_fn(|a| if a < D { k[a] } else { 0 });
+            let is_self_paired = orbit.is_self_paired();
+            parameters.push((t.k.to_vec(), "re", t.c[0]));
+            if !is_self_paired {
+                parameters.push((t.k.to_vec(), "im", t.c[1]));
+            }
+            orbits.push(Orbit {
+                members: orbit.members.iter().map(pad).collect(),
+                is_self_paired,
+            });
+        }
+        let indices = orbits.iter().flat_map(|o| o.members.iter().flatten());
+        let bound = indices.map(|k| k.abs()).max().unwrap_or(0);
+        let inverse = *series.lattice().inverse();
+        Self {
+            orbits,
+            bound,
+            to_lattice: Box::new(move |p: Vec3| {
+                std::array::from_fn(|a| {
+                    if a < D {
+                        (0..D).map(|b| inverse[(a, b)] * p[b]).sum()
+                    } else {
+                        0.0
+                    }
+                })
+            }),
+            parameters,
+        }
+    }
+
+    /// Values of all functions at a point of the element.
+    fn values(&self, p: CellPoint<3>, out: &mut Vec<f64>) {
+        let u = (self.to_lattice)(p.0);
+        let bound = self.bound;
+        let powers = u.map(|u| -> Vec<Complex64> {
+            (-bound..=bound)
+                .map(|k| {
+                    let turn = f64::from(k) * (u - u.round());
+                    let (s, c) = libm::sincos(TAU * (turn - turn.round()));
+                    Complex64::new(c, s)
+                })
+                .collect()
+        });
+        let power = |a: usize, k: i32| powers[a][(k + bound) as usize];
+        out.clear();
+        for orbit in &self.orbits {
+            let sum: Complex64 = orbit
+                .members
+                .iter()
+                .map(|k| power(0, k[0]) * power(1, k[1]) * power(2, k[2]))
+                .sum();
+            if orbit.is_self_paired {
+                out.push(sum.re);
+            } else {
+                out.push(2.0 * sum.re);
+                out.push(-2.0 * sum.im);
+            }
+        }
+    }
+}
+
+/// Derivatives by the level and by every real number of the coefficients of a cell that is one series.
+///
+/// # Errors
+/// [`HomogenizeError::NoCoefficients`] for beams and for expressions of several series.
+pub fn by_coefficients(
+    period: &Period,
+    samples: &Samples,
+    sensitivities: &Sensitivities,
+) -> Result<Vec<Derivatives>, HomogenizeError> {
+    let cell = period.cell().ok_or(HomogenizeError::NoCoefficients)?;
+    let basis = match (cell.series(), cell.planar()) {
+        (Some(series), _) => Basis::new(series),
+        (_, Some(series)) => Basis::new(series),
+        _ => return Err(HomogenizeError::NoCoefficients),
+    };
+    let [nx, ny, nz] = samples.grid().counts();
+    let layers: Vec<(Vec<[f64; OUTPUTS]>, [f64; OUTPUTS])> = (0..nx)
+        .into_par_iter()
+        .map(|i| layer(period, samples, sensitivities, &basis, [i, ny, nz]))
+        .collect();
+    let count = basis.parameters.len();
+    let mut by_level = [0.0; OUTPUTS];
+    let mut by_parameter = vec![[0.0; OUTPUTS]; count];
+    for (parameters, level) in layers {
+        add(&mut by_level, 1.0, &level);
+        for (sum, own) in by_parameter.iter_mut().zip(&parameters) {
+            add(sum, 1.0, own);
+        }
+    }
+    let scale = 1.0 / samples.grid().voxels() as f64;
+    let mut all = vec![derivatives(
+        None,
+        "level",
+        samples.level(),
+        &by_level,
+        scale,
+    )];
+    for ((k, part, value), own) in basis.parameters.into_iter().zip(&by_parameter) {
+        all.push(derivatives(Some(k), part, value, own, scale));
+    }
+    Ok(all)
+}
+
+fn add(sum: &mut [f64; OUTPUTS], factor: f64, own: &[f64; OUTPUTS]) {
+    for (s, v) in sum.iter_mut().zip(own) {
+        *s += factor * v;
+    }
+}
+
+fn derivatives(
+    k: Option<Vec<i32>>,
+    part: &'static str,
+    value: f64,
+    found: &[f64; OUTPUTS],
+    scale: f64,
+) -> Derivatives {
+    let mut stiffness = [[0.0; 6]; 6];
+    for (n, (i, j)) in PAIRS.into_iter().enumerate() {
+        stiffness[i][j] = found[n] * scale;
+        stiffness[j][i] = found[n] * scale;
+    }
+    let mut conductivity = [[0.0; 3]; 3];
+    let pairs = [(0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1)];
+    for (n, (i, j)) in pairs.into_iter().enumerate() {
+        conductivity[i][j] = found[21 + n] * scale;
+        conductivity[j][i] = found[21 + n] * scale;
+    }
+    Derivatives {
+        k,
+        part,
+        value,
+        stiffness,
+        conductivity,
+        volume_fraction: found[OUTPUTS - 1] * scale,
+    }
+}
+
+/// What one layer of voxels gives: by every parameter, and by the level.
+fn layer(
+    period: &Period,
+    samples: &Samples,
+    sensitivities: &Sensitivities,
+    basis: &Basis,
+    [i, ny, nz]: [usize; 3],
+) -> (Vec<[f64; OUTPUTS]>, [f64; OUTPUTS]) {
+    let counts = samples.counts();
+    let parts = samples.parts([0; 3]).count() as f64;
+    // What a change of a sample's value changes.
+    let mut weights: BTreeMap<[usize; 3], [f64; OUTPUTS]> = BTreeMap::new();
+    let mut by_level = [0.0; OUTPUTS];
+    let first = sensitivities.elastic.partition_point(|s| s.0 < i * ny * nz);
+    let last = sensitivities
+        .elastic
+        .partition_point(|s| s.0 < (i + 1) * ny * nz);
+    for place in first..last {
+        let (voxel, elastic) = &sensitivities.elastic[place];
+        let mut own = [0.0; OUTPUTS];
+        own[..21].copy_from_slice(elastic);
+        if let Some((_, thermal)) = sensitivities.thermal.get(place) {
+            own[21..27].copy_from_slice(thermal);
+        }
+        own[27] = 1.0;
+        let within = voxel % (ny * nz);
+        for at in samples.parts([i, within / nz, within % nz]) {
+            let slope = samples.slope(at);
+            let share = part(samples.solid(), samples.level(), samples.value(at), slope);
+            if share.by_value == 0.0 && share.by_level == 0.0 && share.by_slope == [0.0; 3] {
+                continue;
+            }
+            add(&mut by_level, share.by_level / parts, &own);
+            let mut give = |at, factor: f64| {
+                let sum = weights.entry(at).or_insert([0.0; OUTPUTS]);
+                add(sum, factor / parts, &own);
+            };
+            give(at, share.by_value);
+            for axis in 0..3 {
+                let [before, after] = samples.neighbours(at, axis);
+                if before != after {
+                    give(after, share.by_slope[axis] / 2.0);
+                    give(before, -share.by_slope[axis] / 2.0);
+                }
+            }
+        }
+    }
+    let mut by_parameter = vec![[0.0; OUTPUTS]; basis.parameters.len()];
+    let mut values = Vec::new();
+    for (at, weight) in &weights {
+        let p = period.reference(place(counts, *at));
+        basis.values(p, &mut values);
+        for (sum, value) in by_parameter.iter_mut().zip(&values) {
+            add(sum, *value, weight);
+        }
+    }
+    (by_parameter, by_level)
+}

@@ -1,0 +1,122 @@
+//! Isotropic materials, and tensors of voxels that hold two of them.
+
+use super::HomogenizeError;
+use super::tensor::{Voigt, symmetric_index};
+use crate::frame::{Mat3, Vec3};
+
+/// A linear elastic isotropic material, by Lame's moduli.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Isotropic {
+    /// Lame's first modulus.
+    pub lambda: f64,
+    /// Shear modulus.
+    pub mu: f64,
+}
+
+impl Isotropic {
+    /// The material of a Young's modulus and a Poisson's ratio.
+    ///
+    /// # Errors
+    /// [`HomogenizeError::Material`] unless E > 0 and -1 < nu < 0.5.
+    pub fn new(young: f64, poisson: f64) -> Result<Self, HomogenizeError> {
+        if !(young.is_finite() && young > 0.0) {
+            return Err(HomogenizeError::Material {
+                what: "Young's modulus",
+                found: young,
+                expected: "a positive number",
+            });
+        }
+        if !(poisson > -1.0 && poisson < 0.5) {
+            return Err(HomogenizeError::Material {
+                what: "Poisson's ratio",
+                found: poisson,
+                expected: "a number between -1 and 0.5, both excluded",
+            });
+        }
+        Ok(Self {
+            lambda: young * poisson / ((1.0 + poisson) * (1.0 - 2.0 * poisson)),
+            mu: young / (2.0 * (1.0 + poisson)),
+        })
+    }
+
+    /// Bulk modulus.
+    pub fn bulk(self) -> f64 {
+        self.lambda + 2.0 / 3.0 * self.mu
+    }
+
+    /// Young's modulus.
+    pub fn young(self) -> f64 {
+        self.mu * (3.0 * self.lambda + 2.0 * self.mu) / (self.lambda + self.mu)
+    }
+
+    /// All moduli times a factor.
+    #[must_use]
+    pub fn scaled(self, factor: f64) -> Self {
+        Self {
+            lambda: factor * self.lambda,
+            mu: factor * self.mu,
+        }
+    }
+
+    /// The material whose in-plane law under plane strain is this one's under plane stress.
+    #[must_use]
+    pub fn plane_stress(self) -> Self {
+        Self {
+            lambda: 2.0 * self.lambda * self.mu / (self.lambda + 2.0 * self.mu),
+            mu: self.mu,
+        }
+    }
+
+    /// A share of this material, the rest the other's: arithmetic means (Voigt).
+    #[must_use]
+    pub fn mixed(self, share: f64, other: Self) -> Self {
+        Self {
+            lambda: other.lambda + share * (self.lambda - other.lambda),
+            mu: other.mu + share * (self.mu - other.mu),
+        }
+    }
+
+    /// The stiffness matrix, engineering shear.
+    pub fn stiffness(self) -> Voigt {
+        let mut c = [[0.0; 6]; 6];
+        for i in 0..3 {
+            for j in 0..3 {
+                c[i][j] = self.lambda;
+            }
+            c[i][i] += 2.0 * self.mu;
+            c[3 + i][3 + i] = self.mu;
+        }
+        c
+    }
+}
+
+/// The stiffness of a laminate of two materials with layers across `normal`: exact where a flat interface
+/// cuts a voxel. `C = M - f (1 - f) D n (n X n)^-1 n D`, M the mean, D the difference and X the exchanged mean.
+pub fn laminate(first: Isotropic, share: f64, second: Isotropic, normal: Vec3) -> Voigt {
+    let mean = first.mixed(share, second).stiffness();
+    let exchanged = second.mixed(share, first);
+    let acoustic = Mat3::identity() * exchanged.mu
+        + normal * normal.transpose() * (exchanged.lambda + exchanged.mu);
+    let Some(inverse) = acoustic.try_inverse() else {
+        return mean;
+    };
+    let (lambda, mu) = (first.lambda - second.lambda, first.mu - second.mu);
+    // D n for each Voigt component: the traction on the layers that a unit strain gives.
+    let traction = |column: usize| -> Vec3 {
+        let (i, j) = symmetric_index(column);
+        let unit = |a: usize| Vec3::ith(a, 1.0);
+        if i == j {
+            normal * lambda + unit(i) * (2.0 * mu * normal[i])
+        } else {
+            (unit(i) * normal[j] + unit(j) * normal[i]) * mu
+        }
+    };
+    let mut c = mean;
+    for i in 0..6 {
+        for j in 0..6 {
+            let correction = traction(i).dot(&(inverse * traction(j)));
+            c[i][j] -= share * (1.0 - share) * correction;
+        }
+    }
+    c
+}

@@ -1,0 +1,127 @@
+//! Periodic scaffolds of equal tets.
+
+use crate::frame::{Element, Mat3, Vec3};
+
+/// A periodic scaffold of tets.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Packing {
+    /// Twelve equal tets in a cube, between its corners and the centres of cubes.
+    #[default]
+    Bcc,
+    /// Six tets in a cube, around its diagonal.
+    Kuhn,
+}
+
+impl Packing {
+    /// The word for it.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Bcc => "bcc",
+            Self::Kuhn => "kuhn",
+        }
+    }
+
+    /// The tets of one period around the origin, by their vertices.
+    pub(super) fn tets(self) -> Vec<[Vec3; 4]> {
+        let e = |a: usize| Vec3::ith(a, 1.0);
+        let mut all = Vec::new();
+        for a in 0..3 {
+            for (b, c) in [((a + 1) % 3, (a + 2) % 3), ((a + 2) % 3, (a + 1) % 3)] {
+                match self {
+                    Self::Bcc => {
+                        for sign in [-1.0, 1.0] {
+                            let side = e(a) + e(b) * sign;
+                            all.push([
+                                Vec3::zeros(),
+                                e(a),
+                                (side - e(c)) / 2.0,
+                                (side + e(c)) / 2.0,
+                            ]);
+                        }
+                    }
+                    Self::Kuhn => {
+                        let first = Vec3::repeat(-0.5);
+                        let steps = [e(a), e(b), e(c)];
+                        let second = first + steps[0];
+                        all.push([first, second, second + steps[1], Vec3::repeat(0.5)]);
+                    }
+                }
+            }
+        }
+        all
+    }
+
+    /// Barycentric coordinates, of a point of the cube around the origin, in the tet that holds it; for a
+    /// cell that is the same whatever the numbering.
+    pub(super) fn barycentric(self, p: Vec3) -> [f64; 4] {
+        match self {
+            Self::Bcc => {
+                let mut d = [p.x.abs(), p.y.abs(), p.z.abs()];
+                d.sort_by(f64::total_cmp);
+                let [c, b, a] = d;
+                [1.0 - a - b, a - b, b - c, b + c]
+            }
+            Self::Kuhn => {
+                let mut d = [p.x + 0.5, p.y + 0.5, p.z + 0.5];
+                d.sort_by(f64::total_cmp);
+                let [c, b, a] = d;
+                [1.0 - a, a - b, b - c, c]
+            }
+        }
+    }
+
+    /// The map from the reference tet to one of the packing: its greatest shrinkage of lengths, and the
+    /// cube root of its determinant.
+    pub(super) fn scales(self) -> [f64; 2] {
+        let edges = |v: &[Vec3]| Mat3::from_columns(&[v[1] - v[0], v[2] - v[0], v[3] - v[0]]);
+        let reference = edges(&Element::Tet.vertices());
+        let own = edges(&self.tets()[0]);
+        let map = own * reference.try_inverse().unwrap_or_else(Mat3::identity);
+        let least = map.singular_values().min();
+        [least, map.determinant().abs().cbrt()]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn both_packings_fill_the_cube_and_agree_with_their_barycentric_coordinates() {
+        for (packing, count) in [(Packing::Bcc, 12), (Packing::Kuhn, 6)] {
+            let tets = packing.tets();
+            assert_eq!(tets.len(), count);
+            let edges =
+                |v: &[Vec3; 4]| Mat3::from_columns(&[v[1] - v[0], v[2] - v[0], v[3] - v[0]]);
+            let volume: f64 = tets
+                .iter()
+                .map(|t| edges(t).determinant().abs() / 6.0)
+                .sum();
+            assert!((volume - 1.0).abs() < 1e-12);
+            for n in 0..200 {
+                let t = f64::from(n) * 0.618_034;
+                let p = Vec3::new(t.fract(), (t * 7.1).fract(), (t * 3.3).fract()).add_scalar(-0.5);
+                let mut own = packing.barycentric(p).to_vec();
+                assert!(own.iter().all(|w| *w >= -1e-12));
+                // By definition: the tet, or an image of one, that holds the point.
+                let mut holds = Vec::new();
+                for tet in &tets {
+                    for shift in 0..27 {
+                        let s = [shift % 3, shift / 3 % 3, shift / 9].map(|c| f64::from(c) - 1.0);
+                        let d = p - Vec3::from(s) - tet[0];
+                        let w = edges(tet).try_inverse().unwrap() * d;
+                        let w = [1.0 - w.sum(), w.x, w.y, w.z];
+                        if w.iter().all(|w| *w > -1e-9) {
+                            holds = w.to_vec();
+                        }
+                    }
+                }
+                own.sort_by(f64::total_cmp);
+                holds.sort_by(f64::total_cmp);
+                for (a, b) in own.iter().zip(&holds) {
+                    assert!((a - b).abs() < 1e-9, "{packing:?} {p} {own:?} {holds:?}");
+                }
+            }
+        }
+    }
+}

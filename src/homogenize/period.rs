@@ -1,0 +1,404 @@
+//! One period of a tiled cell: which field fills the unit cube (or square) that repeats.
+//!
+//! A hex or quad cell is its own period. Regular tets do not fill space; a cell of a tet is tiled over a
+//! periodic scaffold of equal tets, and the effective properties have the symmetry of that scaffold:
+//!
+//! | packing | tets in the unit cube | symmetry | shape |
+//! |---|---|---|---|
+//! | `bcc` | 12, between corners and centres of cubes | cubic (Oh) | edges 1 and sqrt 3 / 2, all alike |
+//! | `kuhn` | 6 around a diagonal | trigonal (D3d) | edges 1, sqrt 2, sqrt 3 |
+//!
+//! Struts and plates of a graph are round beams in the period, with all that reaches in from neighbours.
+
+use super::HomogenizeError;
+use super::grid::Grid;
+use super::packing::Packing;
+use super::phases::{Samples, fine_counts};
+use crate::beams::{Beam, Beams, Plate};
+use crate::cell::{Cell, Skeleton, Solid};
+use crate::field::{Field, SampleLattice};
+use crate::frame::{Aabb, CellPoint, Element, Mat3, Vec3, WorldPoint};
+use crate::progress::{Cancelled, Progress};
+use rayon::prelude::*;
+use std::collections::BTreeSet;
+
+/// How far beams may grow beyond their radius, reference lengths.
+const GROWTH: f64 = 0.5;
+
+/// Where a point of the reference element lies in the period.
+type Place = Box<dyn Fn(Vec3) -> Vec3>;
+
+/// What fills the elements of a period.
+enum Filling {
+    Cell(Box<Cell>),
+    /// Round beams in the period, and the least of their diameters.
+    Beams(Beams, f64),
+}
+
+/// One period of a tiled cell.
+pub struct Period {
+    element: Element,
+    packing: Packing,
+    filling: Filling,
+}
+
+impl Period {
+    fn check(element: Element) -> Result<(), HomogenizeError> {
+        match element {
+            Element::Hex | Element::Quad | Element::Tet => Ok(()),
+            other => Err(HomogenizeError::Element(other.name())),
+        }
+    }
+
+    /// The period of a cell; of a tet by a packing.
+    ///
+    /// # Errors
+    /// [`HomogenizeError::Element`] for other elements than hex, quad and tet;
+    /// [`HomogenizeError::Numbering`] for a cell of a tet that is not the same whatever the numbering.
+    pub fn of_cell(cell: Cell, packing: Packing) -> Result<Self, HomogenizeError> {
+        let element = cell.element();
+        Self::check(element)?;
+        if element == Element::Tet && !cell.fits_any_numbering() {
+            return Err(HomogenizeError::Numbering {
+                group: cell.group().to_owned(),
+                operators: cell.operators().len(),
+            });
+        }
+        Ok(Self {
+            element,
+            packing,
+            filling: Filling::Cell(Box::new(cell)),
+        })
+    }
+
+    /// The period of struts and plates in an element's reference coordinates, as round beams. In tets radii
+    /// are scaled with the cube root of the volume.
+    ///
+    /// # Errors
+    /// [`HomogenizeError::Element`] for other elements than hex and tet, and where nothing is in it.
+    pub fn of_skeleton(
+        element: Element,
+        skeleton: &Skeleton,
+        packing: Packing,
+    ) -> Result<Self, HomogenizeError> {
+        if !matches!(element, Element::Hex | Element::Tet) {
+            return Err(HomogenizeError::Element(element.name()));
+        }
+        let (places, factor): (Vec<Place>, f64) = if element == Element::Tet {
+            let reference = Element::Tet.vertices();
+            let edges = |v: &[Vec3]| Mat3::from_columns(&[v[1] - v[0], v[2] - v[0], v[3] - v[0]]);
+            let back = edges(&reference)
+                .try_inverse()
+                .unwrap_or_else(Mat3::identity);
+            let first = reference[0];
+            let place = |tet: [Vec3; 4]| -> Place {
+                let map = edges(&tet) * back;
+                Box::new(move |p: Vec3| tet[0] + map * (p - first))
+            };
+            let all = packing.tets().into_iter().map(place).collect();
+            (all, packing.scales()[1])
+        } else {
+            (vec![Box::new(|p: Vec3| p)], 1.0)
+        };
+        let mut beams = Unique::default();
+        let mut plates = Unique::default();
+        let mut thinnest = f64::INFINITY;
+        for place in &places {
+            for (ends, radius) in skeleton.struts() {
+                thinnest = thinnest.min(2.0 * radius * factor);
+                let ends = ends.map(place);
+                beams.add(&ends, radius * factor);
+            }
+            for (corners, radius) in skeleton.plates() {
+                thinnest = thinnest.min(2.0 * radius * factor);
+                for n in 1..corners.len() - 1 {
+                    let triangle = [corners[0], corners[n], corners[n + 1]].map(place);
+                    plates.add(&triangle, radius * factor);
+                }
+            }
+        }
+        let beam = |(ends, r): ([Vec3; 2], f64)| Beam {
+            ends,
+            radii: [r; 2],
+        };
+        let plate = |(corners, r): ([Vec3; 3], f64)| Plate {
+            corners,
+            radii: [r; 3],
+        };
+        let beams: Vec<Beam> = beams.found.into_iter().map(beam).collect();
+        let plates: Vec<Plate> = plates.found.into_iter().map(plate).collect();
+        let beams = Beams::new(&beams, &plates).ok_or_else(|| {
+            HomogenizeError::Grid("found no struts and no plates in the period".to_owned())
+        })?;
+        Ok(Self {
+            element,
+            packing,
+            filling: Filling::Beams(beams, thinnest),
+        })
+    }
+
+    /// The element.
+    pub fn element(&self) -> Element {
+        self.element
+    }
+
+    /// The cell, unless beams fill the period.
+    pub fn cell(&self) -> Option<&Cell> {
+        match &self.filling {
+            Filling::Cell(cell) => Some(cell),
+            Filling::Beams(..) => None,
+        }
+    }
+
+    /// Least diameter of beams and plates as they were given, in periods.
+    pub fn least_diameter(&self) -> Option<f64> {
+        match &self.filling {
+            Filling::Cell(_) => None,
+            Filling::Beams(_, thinnest) => Some(*thinnest),
+        }
+    }
+
+    /// What repeats, in words.
+    pub fn describe(&self) -> String {
+        match self.element {
+            Element::Tet => format!(
+                "{} tets in a cube ({})",
+                self.packing.tets().len(),
+                self.packing.name()
+            ),
+            Element::Quad => "one square".to_owned(),
+            _ => "one cube".to_owned(),
+        }
+    }
+
+    /// The grid of so many voxels along the period.
+    ///
+    /// # Errors
+    /// As [`Grid::new`].
+    pub fn grid(&self, n: usize) -> Result<Grid, HomogenizeError> {
+        if self.element == Element::Quad {
+            Grid::square(n)
+        } else {
+            Grid::cube(n)
+        }
+    }
+
+    /// Greatest frequency of the field, in cycles per period; none of beams.
+    pub fn band_limit(&self) -> f64 {
+        let Filling::Cell(cell) = &self.filling else {
+            return 0.0;
+        };
+        let limit = cell.form().band_limit();
+        if self.element == Element::Tet {
+            limit / self.packing.scales()[0]
+        } else {
+            limit
+        }
+    }
+
+    /// The reference point of the element at a point of the period, which is centred on the origin.
+    pub fn reference(&self, p: Vec3) -> CellPoint<3> {
+        if self.element != Element::Tet {
+            return CellPoint(p);
+        }
+        let weights = self.packing.barycentric(p);
+        let vertices = Element::Tet.vertices();
+        CellPoint((0..4).map(|i| vertices[i] * weights[i]).sum())
+    }
+
+    /// Whether the field is the same under all symmetries of the cube.
+    fn is_octahedral(&self) -> bool {
+        match (&self.filling, self.element) {
+            (Filling::Cell(cell), Element::Hex) => cell.fits_any_numbering(),
+            (Filling::Cell(_), Element::Tet) => self.packing == Packing::Bcc,
+            _ => false,
+        }
+    }
+
+    /// Samples of the field on `n` voxels along the period, `fineness` along each edge of a voxel.
+    ///
+    /// # Errors
+    /// [`HomogenizeError::Grid`], [`HomogenizeError::Band`] where the cell has frequencies above the grid's
+    /// Nyquist frequency, and [`HomogenizeError::Cancelled`].
+    pub fn samples(
+        &self,
+        n: usize,
+        fineness: usize,
+        progress: &dyn Progress,
+    ) -> Result<Samples, HomogenizeError> {
+        let grid = self.grid(n)?;
+        let limit = self.band_limit();
+        if limit > n as f64 / 2.0 {
+            return Err(HomogenizeError::Band {
+                limit,
+                nyquist: n as f64 / 2.0,
+                needed: 2 * limit.ceil() as usize,
+            });
+        }
+        let counts = fine_counts(grid, fineness);
+        let (solid, level) = match &self.filling {
+            Filling::Cell(cell) => (cell.solid(), cell.level()),
+            Filling::Beams(..) => (Solid::Below, 0.0),
+        };
+        let values = match &self.filling {
+            Filling::Cell(cell) if self.is_octahedral() => {
+                self.octahedral(cell, counts[0], progress)?
+            }
+            Filling::Cell(cell) => self.direct(cell, counts, progress)?,
+            Filling::Beams(beams, _) => of_beams(beams, counts, progress)?,
+        };
+        Samples::new(grid, fineness, values, solid, level)
+    }
+
+    /// Values of a cell at every sample.
+    fn direct(
+        &self,
+        cell: &Cell,
+        counts: [usize; 3],
+        progress: &dyn Progress,
+    ) -> Result<Vec<f64>, HomogenizeError> {
+        let [_, ny, nz] = counts;
+        let mut values = vec![0.0; counts.iter().product()];
+        values
+            .par_chunks_mut(ny * nz)
+            .enumerate()
+            .for_each(|(i, layer)| {
+                if progress.cancelled() {
+                    return;
+                }
+                for (n, v) in layer.iter_mut().enumerate() {
+                    let p = place(counts, [i, n / nz, n % nz]);
+                    *v = cell.form().value(self.reference(p));
+                }
+            });
+        stopped(progress)?;
+        Ok(values)
+    }
+
+    /// Values of a cell with all symmetries of the cube: one of each 48 is evaluated.
+    fn octahedral(
+        &self,
+        cell: &Cell,
+        n: usize,
+        progress: &dyn Progress,
+    ) -> Result<Vec<f64>, HomogenizeError> {
+        let half = n.div_ceil(2);
+        let number = |[i, j, k]: [usize; 3]| i * (i + 1) * (i + 2) / 6 + j * (j + 1) / 2 + k;
+        let mut triples = Vec::with_capacity(number([half, 0, 0]));
+        for i in 0..half {
+            for j in 0..=i {
+                triples.extend((0..=j).map(|k| [i, j, k]));
+            }
+        }
+        let value = |at: &[usize; 3]| {
+            if progress.cancelled() {
+                return 0.0;
+            }
+            cell.form().value(self.reference(place([n; 3], *at)))
+        };
+        let chosen: Vec<f64> = triples.par_iter().with_min_len(64).map(value).collect();
+        stopped(progress)?;
+        let mut values = vec![0.0; n * n * n];
+        values
+            .par_chunks_mut(n * n)
+            .enumerate()
+            .for_each(|(i, layer)| {
+                for (m, v) in layer.iter_mut().enumerate() {
+                    let mut at = [i, m / n, m % n].map(|c| c.min(n - 1 - c));
+                    at.sort_unstable_by(|a, b| b.cmp(a));
+                    *v = chosen[number(at)];
+                }
+            });
+        Ok(values)
+    }
+}
+
+/// The place of a sample of a grid over the period.
+pub(super) fn place(counts: [usize; 3], at: [usize; 3]) -> Vec3 {
+    Vec3::from_fn(|a, _| {
+        if counts[a] == 1 {
+            0.0
+        } else {
+            (at[a] as f64 + 0.5) / counts[a] as f64 - 0.5
+        }
+    })
+}
+
+fn stopped(progress: &dyn Progress) -> Result<(), HomogenizeError> {
+    if progress.cancelled() {
+        Err(Cancelled.into())
+    } else {
+        Ok(())
+    }
+}
+
+/// Distances to beams at every sample of a cube.
+fn of_beams(
+    beams: &Beams,
+    counts: [usize; 3],
+    progress: &dyn Progress,
+) -> Result<Vec<f64>, HomogenizeError> {
+    let [nx, ny, nz] = counts;
+    let step = 1.0 / nx as f64;
+    let layers: Vec<Vec<f32>> = (0..nx)
+        .into_par_iter()
+        .map(|i| {
+            let mut out = vec![0f32; ny * nz];
+            if !progress.cancelled() {
+                let first = 0.5 * step - 0.5;
+                let lattice = SampleLattice {
+                    origin: WorldPoint(Vec3::new(first + i as f64 * step, first, first)),
+                    step,
+                    counts: [1, ny, nz],
+                };
+                beams.fill(&lattice, &mut out);
+            }
+            out
+        })
+        .collect();
+    stopped(progress)?;
+    Ok(layers.into_iter().flatten().map(f64::from).collect())
+}
+
+/// Parts of a period and of its neighbours that reach into it, each once.
+struct Unique<const K: usize> {
+    known: BTreeSet<Vec<i64>>,
+    found: Vec<([Vec3; K], f64)>,
+}
+
+impl<const K: usize> Default for Unique<K> {
+    fn default() -> Self {
+        Self {
+            known: BTreeSet::new(),
+            found: Vec::new(),
+        }
+    }
+}
+
+impl<const K: usize> Unique<K> {
+    fn add(&mut self, corners: &[Vec3; K], radius: f64) {
+        let cube = Aabb::of([Vec3::repeat(-0.5), Vec3::repeat(0.5)]);
+        let reach = cube.dilated(radius + GROWTH);
+        let steps = || (-2..=2).map(f64::from);
+        for x in steps() {
+            for y in steps() {
+                for z in steps() {
+                    let moved = corners.map(|c| c + Vec3::new(x, y, z));
+                    if Aabb::of(moved).intersection(reach).is_empty() {
+                        continue;
+                    }
+                    let mut keys: Vec<[i64; 3]> = moved
+                        .iter()
+                        .map(|c| <[i64; 3]>::from(c.map(|v| (v * 1e7).round() as i64)))
+                        .collect();
+                    keys.sort_unstable();
+                    let mut key: Vec<i64> = keys.concat();
+                    key.push((radius * 1e9).round() as i64);
+                    if self.known.insert(key) {
+                        self.found.push((moved, radius));
+                    }
+                }
+            }
+        }
+    }
+}

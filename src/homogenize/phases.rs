@@ -1,0 +1,414 @@
+//! Shares of solid in voxels, from samples of a field: differentiable by every sample.
+//!
+//! Each voxel is divided into f^3 parts with one sample in the middle. In a part the field is taken as linear,
+//! with the slope of central differences, and the share below the level is that of a cube cut by a plane, in
+//! closed form. A sheet is the difference of two such shares, so that walls thinner than a part count too.
+
+use super::HomogenizeError;
+use super::grid::Grid;
+use crate::cell::Solid;
+use crate::frame::Vec3;
+use rayon::prelude::*;
+
+/// Slopes along axes are raised by this share of their sum: the formula divides by them.
+const LEAST_SLOPE: f64 = 2e-3;
+
+/// Samples of a field over a period.
+#[derive(Clone, Debug)]
+pub struct Samples {
+    grid: Grid,
+    /// Samples along each edge of a voxel.
+    fineness: usize,
+    values: Vec<f64>,
+    solid: Solid,
+    level: f64,
+}
+
+/// A share with its derivatives by the field's value, its slopes (per part) and the level.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Share {
+    pub value: f64,
+    pub by_value: f64,
+    pub by_slope: [f64; 3],
+    pub by_level: f64,
+}
+
+/// The share of a unit cube around the origin where `slope . x < height`, with its derivatives by the
+/// height and the slopes.
+fn below(height: f64, slope: [f64; 3]) -> (f64, f64, [f64; 3]) {
+    let total: f64 = slope.iter().map(|s| s.abs()).sum();
+    let flat = |share: f64| (share, 0.0, [0.0; 3]);
+    if total == 0.0 {
+        return flat(if height > 0.0 { 1.0 } else { 0.0 });
+    }
+    let n = slope.map(|s| s.abs() + LEAST_SLOPE * total);
+    let half = n.iter().sum::<f64>() / 2.0;
+    if height.abs() >= half {
+        return flat(if height > 0.0 { 1.0 } else { 0.0 });
+    }
+    // The smaller side, where nothing cancels.
+    let side = if height > 0.0 { -1.0 } else { 1.0 };
+    let from_corner = side * height + half;
+    let volume = 6.0 * n[0] * n[1] * n[2];
+    let (mut share, mut by_height, mut by_n) = (0.0, 0.0, [0.0; 3]);
+    for corner in 0..8 {
+        let at = [corner & 1, corner >> 1 & 1, corner >> 2].map(f64::from);
+        let sign = if (corner as u32).count_ones().is_multiple_of(2) {
+            1.0
+        } else {
+            -1.0
+        };
+        let depth = from_corner - n[0] * at[0] - n[1] * at[1] - n[2] * at[2];
+        if depth <= 0.0 {
+            continue;
+        }
+        share += sign * depth.powi(3) / volume;
+        let slope = 3.0 * sign * depth * depth / volume;
+        by_height += slope;
+        for a in 0..3 {
+            by_n[a] += slope * (0.5 - at[a]);
+        }
+    }
+    for a in 0..3 {
+        by_n[a] -= share / n[a];
+    }
+    let common: f64 = LEAST_SLOPE * by_n.iter().sum::<f64>();
+    let by_slope = std::array::from_fn(|a| {
+        side * (by_n[a] + common) * if slope[a] < 0.0 { -1.0 } else { 1.0 }
+    });
+    let share = if side < 0.0 { 1.0 - share } else { share };
+    (share, by_height, by_slope)
+}
+
+/// The share of solid in a part.
+pub(super) fn part(solid: Solid, level: f64, value: f64, slope: [f64; 3]) -> Share {
+    let one = |level: f64, sign: f64, rise: f64| {
+        let (share, by_height, by_slope) = below(level - value, slope);
+        Share {
+            value: sign * share,
+            by_value: -sign * by_height,
+            by_slope: by_slope.map(|s| sign * s),
+            by_level: sign * rise * by_height,
+        }
+    };
+    let sum = |a: Share, b: Share, constant: f64| Share {
+        value: constant + a.value + b.value,
+        by_value: a.by_value + b.by_value,
+        by_slope: std::array::from_fn(|i| a.by_slope[i] + b.by_slope[i]),
+        by_level: a.by_level + b.by_level,
+    };
+    match solid {
+        Solid::Below => one(level, 1.0, 1.0),
+        Solid::Above => sum(one(level, -1.0, 1.0), Share::default(), 1.0),
+        Solid::Sheet => sum(one(level, 1.0, 1.0), one(-level, -1.0, -1.0), 0.0),
+        Solid::Channels => sum(one(level, -1.0, 1.0), one(-level, 1.0, -1.0), 1.0),
+    }
+}
+
+impl Samples {
+    /// Samples of a field on a grid with `fineness` samples along each edge of a voxel (one along z of a
+    /// planar grid), z fastest.
+    ///
+    /// # Errors
+    /// [`HomogenizeError::Grid`] for another number of values, or values that are not finite.
+    pub fn new(
+        grid: Grid,
+        fineness: usize,
+        values: Vec<f64>,
+        solid: Solid,
+        level: f64,
+    ) -> Result<Self, HomogenizeError> {
+        let samples = Self {
+            grid,
+            fineness,
+            values,
+            solid,
+            level,
+        };
+        let expected: usize = samples.counts().iter().product();
+        if samples.values.len() != expected {
+            return Err(HomogenizeError::Grid(format!(
+                "found {} samples; expected {expected}",
+                samples.values.len()
+            )));
+        }
+        if let Some(n) = samples.values.iter().position(|v| !v.is_finite()) {
+            return Err(HomogenizeError::Grid(format!(
+                "found {} at sample {n}; expected finite values",
+                samples.values[n]
+            )));
+        }
+        Ok(samples)
+    }
+
+    /// The voxels.
+    pub fn grid(&self) -> Grid {
+        self.grid
+    }
+
+    /// Samples along each edge of a voxel.
+    pub fn fineness(&self) -> usize {
+        self.fineness
+    }
+
+    /// Which side of the level is solid.
+    pub fn solid(&self) -> Solid {
+        self.solid
+    }
+
+    /// The level.
+    pub fn level(&self) -> f64 {
+        self.level
+    }
+
+    /// The same samples at another level.
+    #[must_use]
+    pub fn with_level(self, level: f64) -> Self {
+        Self { level, ..self }
+    }
+
+    /// Samples along each axis.
+    pub(super) fn counts(&self) -> [usize; 3] {
+        fine_counts(self.grid, self.fineness)
+    }
+
+    /// Value at a sample.
+    pub(super) fn value(&self, [i, j, k]: [usize; 3]) -> f64 {
+        let [_, ny, nz] = self.counts();
+        self.values[(i * ny + j) * nz + k]
+    }
+
+    /// The neighbours of a sample along an axis, before and after.
+    pub(super) fn neighbours(&self, at: [usize; 3], axis: usize) -> [[usize; 3]; 2] {
+        let n = self.counts()[axis];
+        let moved = |by: usize| {
+            let mut other = at;
+            other[axis] = (at[axis] + by) % n;
+            other
+        };
+        [moved(n - 1), moved(1)]
+    }
+
+    /// Slopes at a sample, per part.
+    pub(super) fn slope(&self, at: [usize; 3]) -> [f64; 3] {
+        std::array::from_fn(|axis| {
+            let [before, after] = self.neighbours(at, axis);
+            (self.value(after) - self.value(before)) / 2.0
+        })
+    }
+
+    /// The parts of a voxel.
+    pub(super) fn parts(&self, [i, j, k]: [usize; 3]) -> impl Iterator<Item = [usize; 3]> + use<> {
+        let f = self.fineness;
+        let deep = if self.grid.is_planar() { 1 } else { f };
+        (0..f * f * deep).map(move |n| {
+            let [a, b, c] = [n / (f * deep), n / deep % f, n % deep];
+            [i * f + a, j * f + b, k * deep + c]
+        })
+    }
+
+    /// The share of solid in each voxel.
+    pub fn shares(&self) -> Vec<f64> {
+        let level = self.level;
+        let [_, ny, nz] = self.grid.counts();
+        let count = self.parts([0; 3]).count() as f64;
+        let mut shares = vec![0.0; self.grid.voxels()];
+        shares
+            .par_chunks_mut(ny * nz)
+            .enumerate()
+            .for_each(|(i, layer)| {
+                for (n, share) in layer.iter_mut().enumerate() {
+                    let at = [i, n / nz, n % nz];
+                    let sum: f64 = self
+                        .parts(at)
+                        .map(|p| part(self.solid, level, self.value(p), self.slope(p)).value)
+                        .sum();
+                    *share = (sum / count).clamp(0.0, 1.0);
+                }
+            });
+        shares
+    }
+
+    /// The share of solid in the whole period.
+    pub fn volume_fraction(&self) -> f64 {
+        mean(&self.shares())
+    }
+
+    /// The direction across the interface in a voxel: the mean slope, in reference lengths.
+    pub fn normal(&self, voxel: usize) -> Vec3 {
+        let [_, ny, nz] = self.grid.counts();
+        let at = [voxel / (ny * nz), voxel / nz % ny, voxel % nz];
+        let spacing = self.grid.spacing();
+        let mut sum = Vec3::zeros();
+        for p in self.parts(at) {
+            let slope = self.slope(p);
+            // Both sides of a sheet have one direction.
+            let side = if self.solid.is_symmetric() && self.value(p) < 0.0 {
+                -1.0
+            } else {
+                1.0
+            };
+            sum += Vec3::from_fn(|a, _| side * slope[a] / spacing[a]);
+        }
+        sum
+    }
+
+    /// The level at which the solid has a share of the period: Newton's steps within a bisection.
+    ///
+    /// # Errors
+    /// [`HomogenizeError::Fraction`] unless 0 < `fraction` < 1.
+    pub fn level_for_volume_fraction(&self, fraction: f64) -> Result<f64, HomogenizeError> {
+        if !(fraction > 0.0 && fraction < 1.0) {
+            return Err(HomogenizeError::Fraction(fraction));
+        }
+        let ends = self
+            .values
+            .iter()
+            .fold([f64::MAX, f64::MIN], |[lo, hi], v| [lo.min(*v), hi.max(*v)]);
+        let [mut low, mut high] = if self.solid.is_symmetric() {
+            [0.0, ends[0].abs().max(ends[1].abs())]
+        } else {
+            ends
+        };
+        let grows = matches!(self.solid, Solid::Below | Solid::Sheet);
+        let mut level = f64::midpoint(low, high);
+        for _ in 0..60 {
+            let (found, rate) = self.fraction_at(level);
+            if (found < fraction) == grows {
+                low = level;
+            } else {
+                high = level;
+            }
+            let newton = level - (found - fraction) / rate;
+            let next = if newton > low && newton < high {
+                newton
+            } else {
+                f64::midpoint(low, high)
+            };
+            if (next - level).abs() <= 1e-13 * (ends[1] - ends[0]) || high <= low {
+                return Ok(next);
+            }
+            level = next;
+        }
+        Ok(level)
+    }
+
+    /// The share of solid at a level, and its derivative by the level.
+    fn fraction_at(&self, level: f64) -> (f64, f64) {
+        let [nx, ny, nz] = self.counts();
+        let layers: Vec<[f64; 2]> = (0..nx)
+            .into_par_iter()
+            .map(|i| {
+                let mut sum = [0.0; 2];
+                for n in 0..ny * nz {
+                    let at = [i, n / nz, n % nz];
+                    let own = part(self.solid, level, self.value(at), self.slope(at));
+                    sum[0] += own.value;
+                    sum[1] += own.by_level;
+                }
+                sum
+            })
+            .collect();
+        let count = self.values.len() as f64;
+        let total = |n: usize| layers.iter().map(|l| l[n]).sum::<f64>() / count;
+        (total(0), total(1))
+    }
+
+    /// Area of the surface between solid and void over the volume of the period, per reference length, from
+    /// the rate at which the volume of the solid grows with the level: the integral of dS / |slope| times the
+    /// slope.
+    pub fn surface_per_volume(&self) -> f64 {
+        let [nx, ny, nz] = self.grid.counts();
+        let per_part = self.spacing_of_parts();
+        let total: Vec<f64> = (0..nx)
+            .into_par_iter()
+            .map(|i| {
+                let mut sum = 0.0;
+                for n in 0..ny * nz {
+                    for p in self.parts([i, n / nz, n % nz]) {
+                        let slope = self.slope(p);
+                        let own = part(self.solid, self.level, self.value(p), slope);
+                        let steep: f64 = (0..3).map(|a| (slope[a] / per_part[a]).powi(2)).sum();
+                        let walls = if self.solid.is_symmetric() {
+                            own.by_level
+                        } else {
+                            own.by_value
+                        };
+                        sum += walls.abs() * steep.sqrt();
+                    }
+                }
+                sum
+            })
+            .collect();
+        total.iter().sum::<f64>() / self.values.len() as f64
+    }
+
+    /// Edges of a part, reference lengths.
+    fn spacing_of_parts(&self) -> [f64; 3] {
+        let counts = self.counts();
+        let size = self.grid.size();
+        std::array::from_fn(|a| size[a] / counts[a] as f64)
+    }
+}
+
+/// Samples along each axis of a grid.
+pub(super) fn fine_counts(grid: Grid, fineness: usize) -> [usize; 3] {
+    let [nx, ny, nz] = grid.counts();
+    let deep = if grid.is_planar() { 1 } else { fineness };
+    [nx * fineness, ny * fineness, nz * deep]
+}
+
+/// The mean of shares, layer by layer in a fixed order.
+pub fn mean(shares: &[f64]) -> f64 {
+    let parts: Vec<f64> = shares.par_chunks(1 << 12).map(|c| c.iter().sum()).collect();
+    parts.iter().sum::<f64>() / shares.len() as f64
+}
+
+/// Shares of voxels that are wholly solid or void: the rounded ones.
+pub fn sharpened(shares: &[f64]) -> Vec<f64> {
+    let sharp = |s: &f64| if *s >= 0.5 { 1.0 } else { 0.0 };
+    shares.iter().map(sharp).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn shares_of_cut_cubes_have_their_derivatives(
+            height in -1.5f64..1.5, a in -1f64..1.0, b in -1f64..1.0, c in -1f64..1.0
+        ) {
+            let slope = [a, b, c];
+            let (share, by_height, by_slope) = below(height, slope);
+            prop_assert!((-1e-9..=1.0 + 1e-9).contains(&share));
+            let h = 1e-5;
+            let at = |height: f64, slope| below(height, slope).0;
+            let found = (at(height + h, slope) - at(height - h, slope)) / (2.0 * h);
+            prop_assert!((found - by_height).abs() < 1e-4 * (1.0 + by_height.abs()));
+            for axis in 0..3 {
+                if slope[axis].abs() < 0.01 {
+                    continue;
+                }
+                let moved = |d: f64| {
+                    let mut s = slope;
+                    s[axis] += d;
+                    at(height, s)
+                };
+                let found = (moved(h) - moved(-h)) / (2.0 * h);
+                prop_assert!((found - by_slope[axis]).abs() < 1e-3 * (1.0 + by_slope[axis].abs()),
+                    "{found} {}", by_slope[axis]);
+            }
+        }
+    }
+
+    #[test]
+    fn a_plane_through_the_middle_halves_and_an_upright_one_cuts_in_proportion() {
+        assert!((below(0.0, [0.3, -0.8, 0.1]).0 - 0.5).abs() < 1e-9);
+        let upright = below(0.25, [1.0, 0.0, 0.0]).0;
+        assert!((upright - 0.75).abs() < 2e-3, "{upright}");
+        let corner = below(-1.25, [1.0, 1.0, 1.0]).0;
+        assert!((corner - 0.25f64.powi(3) / 6.0).abs() < 5e-4, "{corner}");
+    }
+}

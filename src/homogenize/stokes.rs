@@ -1,0 +1,372 @@
+//! Permeability of the void: creeping flow through one period, by finite volumes on a staggered grid.
+//!
+//! Velocities stand on the faces of voxels, pressures in their centres (Harlow and Welch 1965), so that the
+//! flow is free of divergence voxel by voxel. Walls are the faces between void and solid voxels: velocities
+//! across them are 0, those along them are mirrored half a voxel away. A unit force per volume acts on the
+//! fluid; the mean velocity over the whole period, solid included, is a column of the permeability for a fluid
+//! of viscosity 1, reference length squared. The symmetric indefinite system is solved by preconditioned
+//! MINRES (Paige and Saunders 1975; Elman, Silvester and Wathen): the inverse Laplacian of the period for
+//! velocities, the identity for pressures.
+
+use super::HomogenizeError;
+use super::cg::{Control, add, dot};
+use super::grid::Grid;
+use super::spectral::Spectral;
+use crate::progress::Progress;
+use rayon::prelude::*;
+
+/// Components of a field: three velocities and the pressure.
+const FIELDS: usize = 4;
+
+/// The flow problem of one period.
+pub struct Stokes {
+    grid: Grid,
+    /// Bits a: the lower face across axis a lies in the fluid; bit 3: the voxel is fluid.
+    flags: Vec<u8>,
+    /// Of each velocity four bits: how many neighbours along each of the other two axes lie inside a wall, half
+    /// a voxel behind its face.
+    ghosts: Vec<u16>,
+    /// The factor of a velocity in its own equation, by those four bits.
+    diagonals: [[f64; 16]; 3],
+    spectral: Spectral<3>,
+    /// Squares of the frequencies along each axis.
+    squares: [Vec<f64>; 3],
+    /// Least square but 0.
+    least: f64,
+}
+
+/// What three directions of flow give.
+#[derive(Clone, Debug)]
+pub struct Permeability {
+    /// The permeability, reference length squared.
+    pub matrix: [[f64; 3]; 3],
+    /// Iterations of each direction.
+    pub iterations: [usize; 3],
+}
+
+impl Stokes {
+    /// The flow through the voxels that `is_fluid` holds.
+    ///
+    /// # Errors
+    /// [`HomogenizeError::NoWalls`] where all voxels are fluid.
+    pub fn new(grid: Grid, is_fluid: impl Fn(usize) -> bool) -> Result<Self, HomogenizeError> {
+        let counts = grid.counts();
+        let strides = [counts[1] * counts[2], counts[2], 1];
+        let flags: Vec<u8> = (0..grid.voxels())
+            .map(|n| {
+                if !is_fluid(n) {
+                    return 0;
+                }
+                let mut flag = 8;
+                for axis in 0..3 {
+                    let at = n / strides[axis] % counts[axis];
+                    let before = if at == 0 {
+                        n + (counts[axis] - 1) * strides[axis]
+                    } else {
+                        n - strides[axis]
+                    };
+                    flag |= u8::from(is_fluid(before)) << axis;
+                }
+                flag
+            })
+            .collect();
+        if flags.iter().all(|f| f & 8 != 0) {
+            return Err(HomogenizeError::NoWalls);
+        }
+        let spacing = grid.spacing();
+        let weights = spacing.map(|h| 1.0 / (h * h));
+        let diagonals = std::array::from_fn(|c: usize| {
+            std::array::from_fn(|code: usize| {
+                let [a, b] = others(c);
+                // A mirrored neighbour counts once more.
+                2.0 * weights.iter().sum::<f64>()
+                    + weights[a] * (code & 3) as f64
+                    + weights[b] * (code >> 2) as f64
+            })
+        });
+        let ghosts = ghosts(grid, &flags);
+        let squares = std::array::from_fn(|a| {
+            let value = |k: usize| {
+                let angle = std::f64::consts::PI * k as f64 / counts[a] as f64;
+                (2.0 / spacing[a] * libm::sin(angle)).powi(2)
+            };
+            (0..counts[a]).map(value).collect::<Vec<f64>>()
+        });
+        let least = squares
+            .iter()
+            .filter_map(|s| s.get(1).copied())
+            .fold(f64::INFINITY, f64::min);
+        Ok(Self {
+            spectral: Spectral::new(counts),
+            grid,
+            flags,
+            ghosts,
+            diagonals,
+            squares,
+            least: if least.is_finite() { least } else { 1.0 },
+        })
+    }
+
+    /// Bytes for each voxel that a solution takes.
+    pub const BYTES_PER_VOXEL: u64 = 6 * 8 * FIELDS as u64 + Spectral::<3>::BYTES_PER_VOXEL + 3;
+
+    /// The operator: minus the Laplacian and the gradient of the pressure; minus the divergence. Velocities
+    /// that are none are 0 in `x`.
+    fn apply(&self, x: &[f64], y: &mut [f64]) {
+        let [nx, ny, nz] = self.grid.counts();
+        let spacing = self.grid.spacing();
+        let layer = ny * nz;
+        let weights = spacing.map(|h| 1.0 / (h * h));
+        let inverse = spacing.map(f64::recip);
+        let row = |i: usize, c: usize, j: usize| {
+            let at = ((i * FIELDS + c) * ny + j) * nz;
+            &x[at..at + nz]
+        };
+        y.par_chunks_mut(FIELDS * layer)
+            .enumerate()
+            .for_each(|(i, out)| {
+                let (im, ip) = ((i + nx - 1) % nx, (i + 1) % nx);
+                for j in 0..ny {
+                    let (jm, jp) = ((j + ny - 1) % ny, (j + 1) % ny);
+                    let first = (i * ny + j) * nz;
+                    let flags = &self.flags[first..first + nz];
+                    let ghosts = &self.ghosts[first..first + nz];
+                    let pressure = row(i, 3, j);
+                    for c in 0..3 {
+                        let out = &mut out[c * layer + j * nz..c * layer + (j + 1) * nz];
+                        let own = row(i, c, j);
+                        let across = [row(im, c, j), row(ip, c, j)];
+                        let beside = [row(i, c, jm), row(i, c, jp)];
+                        let before = match c {
+                            0 => row(im, 3, j),
+                            1 => row(i, 3, jm),
+                            _ => pressure,
+                        };
+                        for k in 0..nz {
+                            if flags[k] >> c & 1 == 0 {
+                                out[k] = 0.0;
+                                continue;
+                            }
+                            let km = if k == 0 { nz - 1 } else { k - 1 };
+                            let kp = if k + 1 == nz { 0 } else { k + 1 };
+                            let around = weights[0] * (across[0][k] + across[1][k])
+                                + weights[1] * (beside[0][k] + beside[1][k])
+                                + weights[2] * (own[km] + own[kp]);
+                            let diagonal =
+                                self.diagonals[c][usize::from(ghosts[k] >> (4 * c) & 15)];
+                            let lower = if c == 2 { before[km] } else { before[k] };
+                            out[k] =
+                                diagonal * own[k] - around + (pressure[k] - lower) * inverse[c];
+                        }
+                    }
+                    let out = &mut out[3 * layer + j * nz..3 * layer + (j + 1) * nz];
+                    let [u, v, w] = [row(i, 0, j), row(i, 1, j), row(i, 2, j)];
+                    let (u_next, v_next) = (row(ip, 0, j), row(i, 1, jp));
+                    for k in 0..nz {
+                        let kp = if k + 1 == nz { 0 } else { k + 1 };
+                        let outflow = (u_next[k] - u[k]) * inverse[0]
+                            + (v_next[k] - v[k]) * inverse[1]
+                            + (w[kp] - w[k]) * inverse[2];
+                        out[k] = if flags[k] & 8 == 0 { 0.0 } else { -outflow };
+                    }
+                }
+            });
+    }
+
+    /// The inverse Laplacian of the period on velocities of the fluid, the identity on pressures.
+    fn precondition(&mut self, r: &[f64], z: &mut [f64]) {
+        let (squares, least) = (&self.squares, self.least);
+        self.spectral.apply::<FIELDS>(r, z, |[i, j, k], v| {
+            let square = squares[0][i] + squares[1][j] + squares[2][k];
+            let factor = (1.0 / square.max(least)) as f32;
+            for c in v.iter_mut() {
+                *c *= factor;
+            }
+        });
+        let layer = self.grid.layer();
+        z.par_chunks_mut(FIELDS * layer)
+            .zip(r.par_chunks(FIELDS * layer))
+            .zip(self.flags.par_chunks(layer))
+            .for_each(|((z, r), flags)| {
+                for c in 0..3 {
+                    for (v, flag) in z[c * layer..].iter_mut().zip(flags) {
+                        if flag >> c & 1 == 0 {
+                            *v = 0.0;
+                        }
+                    }
+                }
+                z[3 * layer..].copy_from_slice(&r[3 * layer..]);
+            });
+    }
+
+    /// The mean velocity of a field over the whole period.
+    fn mean(&self, x: &[f64]) -> [f64; 3] {
+        let layer = self.grid.layer();
+        let layers: Vec<[f64; 3]> = x
+            .par_chunks(FIELDS * layer)
+            .map(|part| {
+                std::array::from_fn(|c| part[c * layer..(c + 1) * layer].iter().sum::<f64>())
+            })
+            .collect();
+        let count = self.grid.voxels() as f64;
+        std::array::from_fn(|c| layers.iter().map(|l| l[c]).sum::<f64>() / count)
+    }
+
+    /// Solves for the flow along all axes.
+    ///
+    /// # Errors
+    /// [`HomogenizeError::Cancelled`] and [`HomogenizeError::NotConverged`].
+    pub fn solve(
+        &mut self,
+        axes: &[usize],
+        control: Control,
+        progress: &dyn Progress,
+    ) -> Result<Permeability, HomogenizeError> {
+        let mut found = Permeability {
+            matrix: [[0.0; 3]; 3],
+            iterations: [0; 3],
+        };
+        for &axis in axes {
+            let (mean, iterations) = self.minres(axis, control, progress)?;
+            for (row, m) in found.matrix.iter_mut().zip(mean) {
+                row[axis] = m;
+            }
+            found.iterations[axis] = iterations;
+            progress.advance(1);
+        }
+        Ok(found)
+    }
+
+    /// Preconditioned MINRES for a unit force along an axis; the mean velocity is all that is kept of the
+    /// solution.
+    fn minres(
+        &mut self,
+        axis: usize,
+        control: Control,
+        progress: &dyn Progress,
+    ) -> Result<([f64; 3], usize), HomogenizeError> {
+        let layer = self.grid.layer();
+        let count = FIELDS * self.grid.voxels();
+        let (mut v_old, mut v) = (vec![0.0; count], vec![0.0; count]);
+        for (part, flags) in v.chunks_mut(FIELDS * layer).zip(self.flags.chunks(layer)) {
+            for (value, flag) in part[axis * layer..].iter_mut().zip(flags) {
+                *value = f64::from(flag >> axis & 1);
+            }
+        }
+        let (mut z, mut z_next) = (vec![0.0; count], vec![0.0; count]);
+        let (mut w_old, mut w) = (vec![0.0; count], vec![0.0; count]);
+        self.precondition(&v, &mut z);
+        let mut gamma = dot(&z, &v).max(0.0).sqrt();
+        let mut mean = [0.0; 3];
+        if gamma == 0.0 {
+            return Ok((mean, 0));
+        }
+        let (start, mut eta) = (gamma, gamma);
+        let (mut gamma_old, mut sines, mut cosines) = (1.0, [0.0; 2], [1.0; 2]);
+        for iteration in 1..=control.max_iterations {
+            if progress.cancelled() {
+                return Err(crate::progress::Cancelled.into());
+            }
+            scale(&mut z, 1.0 / gamma);
+            self.apply(&z, &mut z_next);
+            let delta = dot(&z_next, &z);
+            // The next Lanczos vector takes the place of the last one.
+            let (first, second) = (-delta / gamma, -gamma / gamma_old);
+            if iteration == 1 {
+                v_old.fill(0.0);
+            }
+            combine(&mut v_old, second, &v, first, &z_next);
+            std::mem::swap(&mut v_old, &mut v);
+            self.precondition(&v, &mut z_next);
+            let gamma_next = dot(&z_next, &v).max(0.0).sqrt();
+            let alpha0 = cosines[1] * delta - cosines[0] * sines[1] * gamma;
+            let alpha1 = alpha0.hypot(gamma_next);
+            let alpha2 = sines[1] * delta + cosines[0] * cosines[1] * gamma;
+            let alpha3 = sines[0] * gamma;
+            (cosines, sines) = (
+                [cosines[1], alpha0 / alpha1],
+                [sines[1], gamma_next / alpha1],
+            );
+            // w_new = (z - alpha3 w_old - alpha2 w) / alpha1.
+            combine(&mut w_old, -alpha3, &w, -alpha2, &z);
+            scale(&mut w_old, 1.0 / alpha1);
+            std::mem::swap(&mut w_old, &mut w);
+            let step = cosines[1] * eta;
+            for (m, own) in mean.iter_mut().zip(self.mean(&w)) {
+                *m += step * own;
+            }
+            eta *= -sines[1];
+            std::mem::swap(&mut z, &mut z_next);
+            (gamma_old, gamma) = (gamma, gamma_next);
+            let residual = eta.abs() / start;
+            if residual <= control.tolerance || gamma == 0.0 {
+                return Ok((mean, iteration));
+            }
+            if !residual.is_finite() || iteration == control.max_iterations {
+                return Err(HomogenizeError::NotConverged {
+                    iterations: iteration,
+                    residual,
+                    tolerance: control.tolerance,
+                });
+            }
+        }
+        Ok((mean, control.max_iterations))
+    }
+}
+
+/// The axes beside one, in order.
+const fn others(axis: usize) -> [usize; 2] {
+    match axis {
+        0 => [1, 2],
+        1 => [0, 2],
+        _ => [0, 1],
+    }
+}
+
+/// How many neighbours of each velocity lie inside a wall, along the axes beside its own.
+fn ghosts(grid: Grid, flags: &[u8]) -> Vec<u16> {
+    let counts = grid.counts();
+    let strides = [counts[1] * counts[2], counts[2], 1];
+    let moved = |n: usize, axis: usize, forward: bool| {
+        let at = n / strides[axis] % counts[axis];
+        match (forward, at) {
+            (true, at) if at + 1 == counts[axis] => n - at * strides[axis],
+            (true, _) => n + strides[axis],
+            (false, 0) => n + (counts[axis] - 1) * strides[axis],
+            (false, _) => n - strides[axis],
+        }
+    };
+    let is_fluid = |n: usize| flags[n] & 8 != 0;
+    (0..flags.len())
+        .map(|n| {
+            let mut code = 0;
+            for c in (0..3).filter(|c| flags[n] >> c & 1 == 1) {
+                for (place, axis) in others(c).into_iter().enumerate() {
+                    for forward in [false, true] {
+                        let other = moved(n, axis, forward);
+                        // The face between two solid voxels.
+                        let is_inside = !is_fluid(other) && !is_fluid(moved(other, c, false));
+                        code += u16::from(is_inside) << (4 * c + 2 * place);
+                    }
+                }
+            }
+            code
+        })
+        .collect()
+}
+
+/// y = a y + b x + z.
+fn combine(y: &mut [f64], a: f64, x: &[f64], b: f64, z: &[f64]) {
+    scale(y, a);
+    add(y, b, x);
+    add(y, 1.0, z);
+}
+
+/// y = a y.
+fn scale(y: &mut [f64], a: f64) {
+    y.par_chunks_mut(1 << 13).for_each(|y| {
+        for v in y {
+            *v *= a;
+        }
+    });
+}

@@ -1,0 +1,177 @@
+//! From the section of a cell, or a cell of a recipe, to the period whose properties are wanted.
+
+use super::cells::{make, recipe_element};
+use super::error::RunError;
+use super::inputs::Inputs;
+use super::report::Warning;
+use super::source::{CellFault, skeleton_by};
+use super::{RunOptions, memory};
+use crate::cell::Cell;
+use crate::frame::Element;
+use crate::homogenize::{HomogenizeError, Packing, Period};
+use crate::recipe::{CellPlace, CellSection, Length, Positive, Recipe, Section, Solid};
+use crate::vdb::Session;
+use std::path::{Path, PathBuf};
+
+/// A period and what its section requests of it.
+pub struct CellPeriod {
+    /// The cell's name.
+    pub name: String,
+    /// What repeats.
+    pub period: Period,
+    /// Volume fraction that round beams shall have.
+    pub volume_fraction: Option<f64>,
+    /// What was odd.
+    pub warnings: Vec<Warning>,
+}
+
+/// A fault of a cell's period as one of the cell.
+pub fn period_fault(key: &str, error: HomogenizeError) -> RunError {
+    match error {
+        HomogenizeError::Cancelled(c) => RunError::Cancelled(c),
+        error => RunError::Cell {
+            key: key.to_owned(),
+            fault: CellFault::Rule(error.to_string()),
+        },
+    }
+}
+
+/// The period of a cell that has been made.
+///
+/// # Errors
+/// [`RunError::Cell`] for an element without a period, or a cell of a tet that depends on the numbering.
+pub fn cell_period(
+    cell: Cell,
+    packing: Packing,
+    warnings: Vec<Warning>,
+) -> Result<CellPeriod, RunError> {
+    let name = cell.name().to_owned();
+    Ok(CellPeriod {
+        period: Period::of_cell(cell, packing).map_err(|e| period_fault(&name, e))?,
+        name,
+        volume_fraction: None,
+        warnings,
+    })
+}
+
+/// The struts or plates of a section as round beams; `None` where it describes something else, or a form that
+/// only a fitted cell has. Paths are relative to the working directory.
+///
+/// # Errors
+/// [`RunError`]: what the graph refuses; a thickness in units of length.
+pub fn beam_period(
+    name: &str,
+    section: &CellSection,
+    element: Element,
+    packing: Packing,
+) -> Result<Option<CellPeriod>, RunError> {
+    round(name, section, element, packing, &Path::to_path_buf)
+}
+
+fn round(
+    name: &str,
+    section: &CellSection,
+    element: Element,
+    packing: Packing,
+    resolve: &dyn Fn(&Path) -> PathBuf,
+) -> Result<Option<CellPeriod>, RunError> {
+    let is_round = (section.graph.is_some() || section.plates.is_some())
+        && section.section != Some(Section::Fitted)
+        && matches!(element, Element::Hex | Element::Tet)
+        && section.invert != Some(true)
+        && section.solid.is_none_or(|s| s == Solid::Below)
+        && section
+            .place
+            .as_ref()
+            .is_none_or(|p| *p == CellPlace::Reference)
+        && section.level.is_none();
+    if !is_round {
+        return Ok(None);
+    }
+    let fault = |message: String| RunError::Cell {
+        key: name.to_owned(),
+        fault: CellFault::Rule(message),
+    };
+    let mut section = section.clone();
+    if let Some(thickness) = section.thickness {
+        let Length::Bare(diameter) = thickness.0 else {
+            return Err(fault(format!(
+                "thickness = \"{}\" is a length in space, which a period does not have; expected a number of \
+                 reference lengths, or volume_fraction",
+                thickness.0
+            )));
+        };
+        section.radius = Positive::try_from(diameter / 2.0).ok();
+        section.plate_thickness = Positive::try_from(diameter).ok();
+    }
+    let skeleton = skeleton_by(&section, element, resolve).map_err(|e| e.of(name))?;
+    let period =
+        Period::of_skeleton(element, &skeleton, packing).map_err(|e| period_fault(name, e))?;
+    Ok(Some(CellPeriod {
+        name: name.to_owned(),
+        period,
+        volume_fraction: section.volume_fraction.map(|f| f.0),
+        warnings: Vec::new(),
+    }))
+}
+
+/// The period of a cell of a recipe, changed by `flags`: element, level rule, radius, section.
+///
+/// # Errors
+/// [`RunError`]: no cell of that name, no element, and what the cell or its period refuse.
+pub fn recipe_period(
+    recipe: &Recipe,
+    name: &str,
+    flags: &CellSection,
+    packing: Packing,
+    session: Session,
+) -> Result<CellPeriod, RunError> {
+    let key = format!("cell.{name}");
+    let fault = |message: String| RunError::Cell {
+        key: key.clone(),
+        fault: CellFault::Rule(message),
+    };
+    let sections = recipe.sections();
+    let Some(section) = sections.cell.get(name) else {
+        let known: Vec<&str> = sections.cell.keys().map(String::as_str).collect();
+        return Err(fault(format!(
+            "found no such cell in the recipe; expected one of {}",
+            known.join(", ")
+        )));
+    };
+    let mut section = section.clone();
+    if !flags.levels().is_empty() {
+        section.level = flags.level;
+        section.volume_fraction = flags.volume_fraction;
+        section.thickness = flags.thickness;
+    }
+    section.element = flags.element.or(section.element);
+    section.radius = flags.radius.or(section.radius);
+    section.plate_thickness = flags.plate_thickness.or(section.plate_thickness);
+    section.section = flags.section.or(section.section);
+    let says = section.own_element().is_some()
+        || section.file.is_some()
+        || section.surface.is_some()
+        || section.hybrid().is_some();
+    if sections.scaffold.is_some() && !says {
+        return Err(fault(
+            "the cell takes the scaffold's element; expected one by name, as in --element tet"
+                .to_owned(),
+        ));
+    }
+    let element = recipe_element(recipe, &section)?;
+    if let Some(found) = round(name, &section, element, packing, &|path| {
+        recipe.resolve(path)
+    })? {
+        return Ok(found);
+    }
+    let options = RunOptions::default();
+    let mut inputs = Inputs::new(recipe, &options);
+    let cell = make(&mut inputs, &key, &section, element, session)?;
+    cell_period(cell, packing, inputs.warnings)
+}
+
+/// Bytes of memory that are free; `None` where the system does not tell.
+pub fn free_memory() -> Option<u64> {
+    memory::available()
+}
