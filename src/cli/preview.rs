@@ -154,7 +154,7 @@ fn solid_of(path: &Path, session: &Session, tools: vdb::Session) -> Result<Level
     )
 }
 
-/// A mesh; what was odd about its file is told.
+/// A mesh; notes about its file are shown.
 fn mesh(path: &Path, session: &Session) -> Result<TriMesh, Failure> {
     let file = read_mesh(path)?;
     for warning in file.warnings {

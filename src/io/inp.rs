@@ -94,7 +94,7 @@ struct Deck<'a> {
     made: Made,
     files: usize,
     /// Lines before the first keyword, and the first of them.
-    stray: (usize, String),
+    unread: (usize, String),
     /// Keywords of no table and how often.
     unknown: BTreeMap<String, usize>,
 }
@@ -114,7 +114,7 @@ pub fn read(path: &Path) -> Result<ElementFile, ReadError> {
         system: None,
         made: Made::default(),
         files: 0,
-        stray: (0, String::new()),
+        unread: (0, String::new()),
         unknown: BTreeMap::new(),
     };
     deck.file(path, 0)?;
@@ -124,10 +124,10 @@ pub fn read(path: &Path) -> Result<ElementFile, ReadError> {
         return Err(error.with_hint("is this an Abaqus or CalculiX deck?"));
     }
     let mut collector = Collector::new(path);
-    if deck.stray.0 > 0 {
+    if deck.unread.0 > 0 {
         collector.warnings.push(format!(
             "{} lines before the first keyword are passed over: {}",
-            deck.stray.0, deck.stray.1
+            deck.unread.0, deck.unread.1
         ));
     }
     for (name, count) in deck.unknown {
@@ -269,10 +269,10 @@ impl Deck<'_> {
         match &section {
             Section::Passed => {}
             Section::Start => {
-                if self.stray.0 == 0 {
-                    self.stray.1 = quote(line);
+                if self.unread.0 == 0 {
+                    self.unread.1 = quote(line);
                 }
-                self.stray.0 += 1;
+                self.unread.0 += 1;
             }
             Section::Nodes(coordinates, set) => {
                 let words = fields(line);

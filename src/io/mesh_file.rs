@@ -1,4 +1,4 @@
-//! Meshes by extension: one door to every file that holds a surface, as polygons or as triangles.
+//! Meshes by extension: every file that holds a surface, read as polygons or as triangles.
 
 use super::atomic::AtomicFile;
 use super::scaffold::{ELEMENT_FORMATS, read_elements};

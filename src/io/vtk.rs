@@ -2,8 +2,8 @@
 //!
 //! Read by ourselves: files are untrusted, and every count is checked before it is believed. VTK's
 //! node order is ours. Voxels (cell type 11) become Hex8, pixels (8) Quad4; Lagrange cells of order 1
-//! and 2 the kinds with as many nodes; polygons and triangle strips of a grid become triangles. What a file
-//! holds is told by its content, whatever its extension.
+//! and 2 the kinds with as many nodes; polygons and triangle strips of a grid become triangles. The
+//! content of a file decides what it holds, not its extension.
 //! Point and cell data become fields.
 
 mod array;

@@ -470,7 +470,7 @@ pub fn enter_source(input: &Path, section: &mut CellSection) -> Result<(), ReadE
     Ok(())
 }
 
-/// Whether a file holds beams and no triangles; what cannot be read is told where it is read.
+/// Whether a file holds beams and no triangles; what cannot be read is an error where it is read.
 fn is_strut_file(input: &Path) -> bool {
     crate::io::is_strut_file(input).unwrap_or(false)
 }

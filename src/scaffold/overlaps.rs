@@ -1,10 +1,10 @@
 //! Elements that fill the same space.
 //!
-//! The number of elements that cover a point changes only across outer faces, unless two elements
-//! lie on the same side of a face that they share. So it is enough to compare the order of corners on shared faces
-//! and to look at points just inside the outer faces: another element that contains one overlaps.
-//! The cost is that of the surface, a few searches for each outer face. Overlaps thinner than a hundredth of an
-//! element are taken for rounding; smaller ones between the points may be missed.
+//! The number of elements that cover a point changes only across outer faces, unless two elements lie on the
+//! same side of a face that they share. So it is enough to compare the order of corners on shared faces, and to
+//! test points just inside the outer faces: another element that contains one overlaps. The cost follows the
+//! surface, a few searches for each outer face. Overlaps thinner than a hundredth of an element count as
+//! rounding; smaller ones between the points may be missed.
 //!
 //! Overlapping elements of different components are united by the tiling. Within a component, joined by
 //! faces, they cannot be: the field there has two values.

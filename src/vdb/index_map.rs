@@ -119,13 +119,16 @@ impl IndexMap {
 
     /// Whether voxels have a volume, in a box of them too.
     pub(super) fn is_regular(&self, low: Vec3, high: Vec3) -> bool {
-        let sign = self.edges(low).determinant().signum();
+        let first = self.edges(low);
+        let sign = first.determinant().signum();
         (0..8).all(|n| {
             let corner = Vec3::from_fn(|a, _| if n >> a & 1 == 1 { high[a] } else { low[a] });
             let edges = self.edges(corner);
             let volume = edges.determinant();
             let lengths: f64 = edges.column_iter().map(|c| c.norm()).product();
-            volume.is_finite() && volume * sign > 1e-9 * lengths && lengths > 0.0
+            // Beyond the apex of a frustum two edges point the other way, and the volume keeps its sign.
+            let turned = (0..3).any(|a| edges.column(a).dot(&first.column(a)) <= 0.0);
+            volume.is_finite() && volume * sign > 1e-9 * lengths && lengths > 0.0 && !turned
         })
     }
 

@@ -1,10 +1,9 @@
 //! Elements that a file gives more than once.
 //!
 //! Two elements are twins if their corners are at the same places, whatever the order and whether by
-//! the same nodes or by others with exactly the same coordinates. Where twins also agree in the
-//! places of their other nodes they are one element. Where they do not, or are of different kinds, they fill the same space in two
-//! ways, which is refused. Cost: a hash for each node and for each element, then a sort of
-//! numbers.
+//! the same nodes or by others with exactly the same coordinates. Twins whose other nodes agree too are one
+//! element. Twins of different kinds, or with other nodes elsewhere, fill the same space in two ways and are
+//! refused. Cost: a hash for each node and each element, then a sort of numbers.
 
 use super::Collector;
 use crate::frame::Vec3;

@@ -139,7 +139,7 @@ impl Rows<'_> {
                     .with_hint("the file looks truncated"));
             }
             for word in words(self.source.current()) {
-                // What is no number is told where it is needed.
+                // A word that is no number is an error only where it is needed.
                 self.line.push(number::real(word).unwrap_or(NO_NUMBER));
             }
         }

@@ -1,4 +1,4 @@
-//! The XML of a model, event by event. Elements and attributes are told by their namespaces.
+//! The XML of a model, event by event. Elements and attributes are known by their namespaces.
 
 use super::extensions::{self, Space};
 use super::model::{Model, Object, Reference};
