@@ -19,7 +19,7 @@ const SAME_SHARE: f64 = 1e-5;
 /// Residual at which the flow is known well enough.
 const FLOW_TOLERANCE: f64 = 1e-5;
 
-/// What is computed, and of which materials.
+/// What is computed, and the materials.
 #[allow(clippy::struct_excessive_bools)] // Each is a choice of its own.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings {

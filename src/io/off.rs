@@ -149,7 +149,7 @@ pub(super) fn read(source: Source) -> Result<Soup, ReadError> {
     let vertices = lines.count(what, most)?;
     let apart = lines.at == lines.numbers.len();
     let faces = lines.count(what, most)?;
-    // Some writers leave out the number of edges, of which nothing follows.
+    // Some writers leave out the number of edges, which is not needed.
     if apart || lines.at < lines.numbers.len() {
         lines.count(what, f64::INFINITY)?;
     }

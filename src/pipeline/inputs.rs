@@ -105,7 +105,7 @@ impl<'a> Inputs<'a> {
 
     /// A mesh as a solid, with warnings of what was repaired.
     fn repaired(&mut self, key: &str, mesh: TriMesh, path: &Path) -> Result<MeshSolid, RunError> {
-        let (solid, repairs) = MeshSolid::repaired(mesh).map_err(|e| hopeless(path, &e))?;
+        let (solid, repairs) = MeshSolid::repaired(mesh).map_err(|e| not_a_solid(path, &e))?;
         for repair in repairs {
             let code = match repair.kind {
                 RepairKind::United => Warning::OVERLAP,
@@ -210,7 +210,8 @@ fn filled(mesh: &TriMesh, path: &Path) -> Result<Aabb, ReadError> {
     Ok(mesh.bounds())
 }
 
-pub(super) fn hopeless(path: &Path, error: &HopelessMesh) -> ReadError {
+/// The error for a mesh that bounds no solid and cannot be repaired.
+pub(super) fn not_a_solid(path: &Path, error: &HopelessMesh) -> ReadError {
     ReadError::data(
         path,
         Place::File,

@@ -2,7 +2,7 @@
 //! clips them.
 
 use super::error::RunError;
-use super::inputs::hopeless;
+use super::inputs::not_a_solid;
 use super::offsets::Offsets;
 use super::operate::Bench;
 use super::shape::{Borrowed, Shape, common_part, whole};
@@ -182,7 +182,7 @@ pub fn solid_picture(
     let repaired = |mesh: TriMesh| {
         let made = MeshSolid::repaired(mesh);
         made.map(|m| m.0)
-            .map_err(|e| RunError::Read(hopeless(path, &e)))
+            .map_err(|e| RunError::Read(not_a_solid(path, &e)))
     };
     let mesh = match &solid.file.mesh {
         mesh if mesh.is_empty() => None,

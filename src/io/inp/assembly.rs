@@ -438,7 +438,7 @@ fn emit(
     Ok(())
 }
 
-/// Says how many elements of which types have neither volume nor surface.
+/// Notes the number of elements without volume or surface, by type.
 fn left_out(pieces: &[Piece], collector: &mut Collector) {
     let mut counts: BTreeMap<&str, usize> = BTreeMap::new();
     for kind in pieces.iter().flat_map(|p| p.model.left_out.values()) {

@@ -13,7 +13,7 @@ pub(super) enum Meaning {
     Lines,
     /// Numbers that say nothing about the shape.
     Passed,
-    /// Values, of which we have no use; said in a note.
+    /// Values that are not used; a note counts them.
     Values,
     /// Elements of kinds that we do not have.
     Refused,

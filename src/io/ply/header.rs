@@ -1,4 +1,4 @@
-//! The header of PLY: which elements follow, of which properties.
+//! The header of PLY: the elements of the file and their properties.
 
 use crate::frame::LengthUnit;
 use crate::io::{ReadError, Source, quote};

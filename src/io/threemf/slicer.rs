@@ -1,7 +1,7 @@
 //! What a slicer says of the triangles of an object: which of them are no part of the solid.
 //!
 //! `PrusaSlicer` writes parts, modifiers and negative volumes of an object as one mesh, and beside it a list
-//! of which triangles are what.
+//! that says which triangles belong to which.
 
 use quick_xml::Reader;
 use quick_xml::events::{BytesStart, Event};
