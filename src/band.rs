@@ -38,7 +38,8 @@ use crate::frame::{Aabb, Coord, Transform, WorldPoint};
 use crate::progress::Cancelled;
 
 mod activate;
-mod closest;
+mod attributes;
+mod buffers;
 mod contact;
 mod cull;
 mod estimate;
@@ -48,17 +49,16 @@ mod index;
 mod leaf;
 mod leaf_file;
 mod leaf_store;
-mod numbers;
-mod pool;
+mod redistance;
 mod sinks;
 mod smooth;
 
-pub use closest::{ClosestPointField, MovedLeaf, SurfacePoints};
+pub use attributes::{NumberFileWriter, NumberStore};
 pub use estimate::{Estimate, Sampling};
 pub use leaf::{BLOCK, LEAF, LeafBatch, LeafSink, SinkError, VOXELS};
 pub use leaf_file::{LeafFileError, LeafFileHead, LeafFileWriter};
 pub use leaf_store::{LeafStore, StoreError, UpperNode};
-pub use numbers::{NumberFileWriter, NumberStore};
+pub use redistance::{ClosestPointField, MovedLeaf, SurfacePoints};
 pub use sinks::{Leaf, LeafMap, Statistics, Totals};
 pub use smooth::{LeafRef, Smoother};
 

@@ -43,31 +43,33 @@ use crate::frame::{CellBox, CellPoint, Element, Mat3, Vec3};
 use crate::symmetry::{Lattice, PointGroup};
 use std::sync::{Arc, OnceLock};
 
+mod compatibility;
 mod constraint;
 mod domain;
 pub mod edt;
 mod error;
+mod expression;
 pub mod face_normal;
 mod file;
 mod fit;
-mod form;
 mod hybrid;
 mod icosahedral;
-mod level;
+mod level_search;
 pub mod minkowski;
-mod pairing;
-mod products;
 mod series;
 mod solid;
 mod source;
 mod surface;
 mod table;
 mod thickness;
+mod trig_products;
 pub use thickness::NearestLevel;
-mod trace;
-mod wave;
+mod face_trace;
+mod trig_sum;
+pub use compatibility::{default_group, groups, lattices, operators_of, rank, symmetry};
 pub use constraint::Constraint;
 pub use error::CellError;
+pub use expression::{Form, Node};
 pub use file::CellTextError;
 pub use fit::{
     Components, Distance, Filter, FitError, FitOptions, FitReport, Hausdorff, Method, Placement,
@@ -75,12 +77,9 @@ pub use fit::{
     fit_matched, fit_mesh, fit_samples, fit_samples_least_squares, fit_source,
     fourier_coefficients, lanczos, largest_band, least_squares,
 };
-pub use form::{Form, Node};
 pub use hybrid::Join;
 pub use icosahedral::{Icosahedral, lifted};
-pub use level::Density;
-pub use pairing::{default_group, groups, lattices, operators_of, rank, symmetry};
-pub use products::{Along, Column, FUNCTIONS, Products};
+pub use level_search::Density;
 pub use series::{Coefficient, Series};
 pub use solid::{Fold, Smooth, Solid};
 pub use source::{
@@ -89,6 +88,7 @@ pub use source::{
 };
 pub use surface::Surface;
 pub use table::Table;
+pub use trig_products::{Along, Column, FUNCTIONS, Products};
 
 /// A unit cell of an element; as a [`Field`] negative inside its solid, evaluated exactly. The field of
 /// a planar element's cell does not depend on z.
@@ -114,7 +114,7 @@ impl Cell {
     /// symmetries of the element and one of its lattices.
     pub fn new(name: &str, element: Element, form: impl Into<Form>) -> Result<Self, CellError> {
         let form = form.into();
-        let (group, operators) = pairing::symmetry_of(element, &form)?;
+        let (group, operators) = compatibility::symmetry_of(element, &form)?;
         Ok(Self {
             name: name.to_owned(),
             element,

@@ -17,10 +17,10 @@ use std::ffi::OsString;
 use std::panic::AssertUnwindSafe;
 use std::process::ExitCode;
 
-mod answer;
 mod cell;
 mod check;
 mod completions;
+mod context;
 mod crystal;
 mod eval;
 mod excerpt;
@@ -35,6 +35,7 @@ mod man;
 mod merge;
 mod mesh;
 mod new;
+mod output;
 mod plan;
 mod plot;
 mod points;
@@ -44,16 +45,15 @@ mod require;
 mod run;
 mod scaffold;
 mod schema;
-mod session;
 mod signals;
 mod slice;
 mod vdb;
+mod vdb_commands;
 mod voxelize;
-mod workshop;
 
-use answer::Answer;
+use context::{Manners, Session};
 use failure::Failure;
-use session::{Manners, Session};
+use output::Answer;
 
 /// Symmetric implicit microstructures over unstructured meshes, as OpenVDB level sets.
 #[derive(Parser)]

@@ -20,14 +20,14 @@ mod formula;
 mod leaf;
 mod offset;
 mod primitive;
-mod round;
+mod revolved;
 pub use combine::{Complement, Intersection, Union};
 pub use contact::{CONTACT_TOLERANCE, contact_value, leaf_contacts};
 pub use formula::{Formula, FormulaError};
 pub use leaf::{LeafBits, LeafParts, Leaves};
 pub use offset::{ExactIntersection, Offset};
 pub use primitive::{BoxSolid, Sphere};
-pub use round::{Capsule, Cylinder, HalfSpace};
+pub use revolved::{Capsule, Cylinder, HalfSpace};
 
 /// A closed interval of field values.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -30,7 +30,6 @@ pub mod frame;
 pub mod guide;
 pub mod homogenize;
 pub mod io;
-pub mod lanes;
 pub mod mesh;
 pub mod mesher;
 #[cfg(feature = "vdb")]
@@ -39,9 +38,10 @@ pub mod polymesh;
 pub mod progress;
 pub mod recipe;
 pub mod scaffold;
-mod sets;
+pub mod simd;
 pub mod slice;
 pub mod symmetry;
 pub mod tiling;
+mod union_find;
 #[cfg(feature = "vdb")]
 pub mod vdb;

@@ -49,14 +49,14 @@ use crate::progress::{Cancelled, Progress};
 
 mod cases;
 mod cells;
+mod edge_vertices;
 mod patch;
-mod place;
 mod quads;
-mod sheet;
+mod vertex_position;
 
 pub use patch::{Patch, Welder};
-pub use place::clear_of_voxels;
 pub(crate) use quads::Share;
+pub use vertex_position::clear_of_voxels;
 
 /// A leaf of a band: least voxel, and values with z fastest.
 #[derive(Clone, Copy, Debug)]
@@ -184,12 +184,12 @@ impl<'a> Mesher<'a> {
         };
         let far = self.far.unwrap_or_else(whole);
         let margin = if self.is_double {
-            place::MIN_MARGIN
+            vertex_position::MIN_MARGIN
         } else {
-            place::margin(far / self.voxel_size)
+            vertex_position::margin(far / self.voxel_size)
         };
-        let sheet = sheet::Sheet::new(leaves, region, progress)?;
-        let vertices = place::vertices(&sheet, self, margin, progress)?;
+        let sheet = edge_vertices::Sheet::new(leaves, region, progress)?;
+        let vertices = vertex_position::vertices(&sheet, self, margin, progress)?;
         let triangles = cells::triangles(&sheet, &vertices, progress)?;
         Ok(Patch::new(&sheet, vertices, triangles))
     }

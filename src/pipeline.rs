@@ -23,7 +23,6 @@ use std::time::{Instant, SystemTime};
 
 mod attributes;
 mod beams;
-mod bins;
 mod bricks;
 mod cells;
 mod crystals;
@@ -33,42 +32,43 @@ mod error;
 mod estimate;
 mod field_data;
 mod field_grid;
-mod filling;
+mod field_ops;
 mod fit_options;
 mod fractions;
 mod grading;
 mod group;
 mod homogenize;
+mod input_files;
 mod inputs;
 mod lattice;
+mod least_wall;
+mod level_set_ops;
 mod memory;
 mod meshing;
+mod nearest;
 mod offsets;
-mod operate;
 mod output;
 mod palette;
 mod period_samples;
 mod plot;
 mod precision;
-mod probe;
 mod report;
 mod requirements;
 mod round_beams;
+mod sampling;
 mod scaffold;
-mod scatter;
-mod shape;
+mod scattered_data;
 mod sheets;
-mod sites;
 mod slices;
 mod source;
+mod spatial_bins;
+mod spatial_value;
 mod standalone;
-mod stock;
 mod thickness;
+mod tiling;
 mod usda;
-mod varying;
 mod volumes;
 mod voxels;
-mod wall;
 
 pub use bricks::{BrickPlan, brick_plan, make_bricks, merge_bricks};
 pub use cells::{levelled, make_cell, one_element, own_element, read_source};
@@ -84,21 +84,21 @@ pub use lattice::solid_picture;
 pub use plot::{
     Curve, Plot, SweepCurve, modulus_picture, plot, sheet, sheet_columns, sweep_picture,
 };
-pub use probe::{Probe, Probed};
 pub use report::{
     Asked, BandReport, BricksReport, ContinuityReport, Input, MeshFacts, OffsetReport, OutputFile,
     Report, ScaffoldReport, SolidReport, Stage, ThicknessReport, Warning, Way,
 };
 pub use requirements::{Requirement, judge_level_set, judge_mesh};
+pub use sampling::{Probe, Probed};
 pub use source::{CellFault, enter_source};
 
 pub use slices::{SliceOptions, Sliced, slice};
 
 use cut_faces::CutFaces;
-use operate::Bench;
-use stock::Stock;
+use inputs::Stock;
+use least_wall::Phase;
+use level_set_ops::Bench;
 use thickness::{Lattice, Measured, Thickness, sampled_walls};
-use wall::Phase;
 
 /// How a recipe is run.
 #[derive(Clone, Debug, Default)]
@@ -120,9 +120,9 @@ pub struct RunOptions {
     pub brief: bool,
     /// The child process that opens `.vdb` files of others; without one they are read in this process,
     /// which a damaged file can bring down.
-    pub isolated: Option<crate::vdb::isolate::Program>,
+    pub isolated: Option<crate::vdb::subprocess::Program>,
     /// A grid of such a file that has been read already: the run takes it instead of reading it again.
-    pub opened: Option<crate::vdb::isolate::Opened>,
+    pub opened: Option<crate::vdb::subprocess::Opened>,
 }
 
 /// Predicts what [`run`] would need and make, in a few seconds.
@@ -180,13 +180,13 @@ pub fn run(
         (start, BandStats::default())
     } else {
         stock.begin_visits();
-        bench.sample(&shape::shape(&stock, bench.scale)?, "band")?
+        bench.sample(&field_ops::shape(&stock, bench.scale)?, "band")?
     };
     clock.lap("band")?;
 
     let mut measured = SolidReport::default();
     for (n, op) in sections.op.iter().enumerate().skip(first) {
-        operate::apply(&mut bench, &stock, (n, op), &mut solid, &mut measured)?;
+        level_set_ops::apply(&mut bench, &stock, (n, op), &mut solid, &mut measured)?;
         clock.lap(&format!("op.{n}.{}", op.name()))?;
     }
 

@@ -28,49 +28,49 @@ use crate::frame::{Aabb, CellPoint, Vec3, WorldPoint};
 use crate::mesh::MeshSolid;
 use crate::scaffold::Scaffold;
 
-mod aligned;
-mod batch;
+mod affine;
+mod axis_aligned;
 mod blend;
 mod bound;
 mod boundary;
+mod boundary_distance;
 mod certificate;
 mod clamp;
-mod control;
+mod control_lattice;
 mod corners;
+mod curved;
+mod distance_scale;
 mod distribution;
 mod error;
 mod exact;
 mod fill;
-mod near;
-mod nodes;
-mod pair;
+mod interface;
+mod interpolated;
+mod inverse_map;
+mod local_map;
+mod locality;
+mod newton_distance;
 mod patch;
-mod path;
-mod place;
-mod scale;
-mod seam;
 mod source;
-mod straight;
-mod trail;
+mod transition_connectivity;
+mod transition_levels;
 mod visits;
-mod walk;
-mod walls;
 
 pub use blend::{Blend, Member};
 pub use certificate::{Certificate, FaceStatistics, Seam, certify};
 pub use distribution::{Graded, Interpolation, Weights};
 pub use error::TilingError;
-pub use path::{PathCheck, check_path};
-pub(crate) use seam::Ways;
+pub(crate) use interface::Ways;
 pub use source::{CellField, Filling, fills};
+pub use transition_connectivity::{PathCheck, check_path};
 pub use visits::Visits;
 
+use affine::Wanted;
 use bound::Together;
 use boundary::Known;
-use near::Local;
+use locality::Local;
 use patch::{Patch, Search};
 use source::Held;
-use straight::Wanted;
 
 /// How distances are measured across element faces.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -146,7 +146,7 @@ pub struct TiledSolid<'a, F: Filling = Table> {
     component_of: Vec<u32>,
     components: Vec<Component>,
     /// The whole as one function over a box, where it is one.
-    aligned: Option<aligned::Aligned>,
+    aligned: Option<axis_aligned::Aligned>,
     /// How far leaves told by nodes may displace the surface, world units, if they may at all.
     nodes: Option<f64>,
     /// Where the elements are noted that bulk evaluation comes near.
@@ -199,7 +199,7 @@ impl<'a, F: Filling> TiledSolid<'a, F> {
         }
         filling.check(scaffold)?;
         let patches: Vec<Patch> = (0..scaffold.len())
-            .map(|number| Patch::new(scaffold, &*filling, number, near::near_surface(options)))
+            .map(|number| Patch::new(scaffold, &*filling, number, locality::near_surface(options)))
             .collect();
         let mut component_of = vec![0; scaffold.len()];
         let mut components = Vec::new();
@@ -214,7 +214,7 @@ impl<'a, F: Filling> TiledSolid<'a, F> {
         }
         let aligned = filling
             .products()
-            .and_then(|products| aligned::Aligned::new(scaffold, products, &patches, options));
+            .and_then(|products| axis_aligned::Aligned::new(scaffold, products, &patches, options));
         let steepest = patches.iter().map(|p| p.slope_sup).fold(0.0, f64::max);
         Ok(Self {
             scaffold,

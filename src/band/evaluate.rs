@@ -1,9 +1,9 @@
 //! Evaluation by blocks.
 
 use super::activate::{Neighbourhood, SPAN};
+use super::buffers::{self, Signs};
 use super::contact;
 use super::cull::Culler;
-use super::pool::{self, Signs};
 use super::{BLOCK, Band, BandError, BandStats, LEAF, LeafBatch, LeafSink, Region, VOXELS};
 use crate::field::{LeafBits, Leaves, SampleLattice};
 use crate::frame::{Aabb, Coord, Vec3, WorldPoint};
@@ -119,13 +119,13 @@ fn block(
                 if !batch.is_empty() {
                     sink.block(origin, &batch)?;
                 }
-                pool::give_batch(batch);
+                buffers::give_batch(batch);
             }
         }
         waiting = next;
     }
     sink.inside(&inside);
-    pool::give_signs(block.signs);
+    buffers::give_signs(block.signs);
     Ok(stats)
 }
 
@@ -241,7 +241,7 @@ impl<'a> Block<'a> {
         Self {
             culler,
             origin,
-            signs: pool::signs(origins.len()),
+            signs: buffers::signs(origins.len()),
             standings: vec![Standing::Open; origins.len()],
             origins,
             table,
@@ -278,7 +278,7 @@ impl<'a> Block<'a> {
                 if progress.cancelled() {
                     return Err(BandError::from(Cancelled));
                 }
-                *batch = pool::batch(group.len());
+                *batch = buffers::batch(group.len());
                 let mut bits = [LeafBits::default(); GROUP];
                 let bits = &mut bits[..group.len()];
                 let looked = group_values(self.culler, group, &mut batch.values, bits)?;

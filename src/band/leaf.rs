@@ -3,7 +3,7 @@
 #![allow(clippy::inline_always)]
 
 use crate::frame::Coord;
-use crate::lanes::{Lanes, Work, run};
+use crate::simd::{Lanes, Work, run};
 use std::error::Error;
 
 /// Voxels along a leaf's edge.

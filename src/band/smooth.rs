@@ -49,8 +49,8 @@
 //! ```
 
 use crate::frame::Coord;
-use crate::lanes::widely;
 use crate::progress::{Cancelled, Progress};
+use crate::simd::widely;
 use rayon::prelude::*;
 
 mod kernel;

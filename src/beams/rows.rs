@@ -9,7 +9,7 @@
 
 use super::part::{Axis, Part, Slab};
 use crate::frame::Vec3;
-use crate::lanes::{self, Lanes, Work};
+use crate::simd::{self, Lanes, Work};
 
 /// Samples of a row.
 pub(super) const ROW: usize = 8;
@@ -109,7 +109,7 @@ impl Near {
 /// Lowers `values` to the distances from the parts: of samples whose coordinates relative to the middle are
 /// `xs`, `ys` and a row of `zs`; z fastest.
 pub(super) fn lower(near: &Near, xs: &[f32], ys: &[f32], zs: &[f32; ROW], values: &mut [f32]) {
-    lanes::run(Lower {
+    simd::run(Lower {
         near,
         xs,
         ys,

@@ -1,7 +1,7 @@
 //! Symmetric Fourier series: coefficients per orbit pair on a shared basis, evaluated exactly.
 
 use super::CellError;
-use super::wave::{AXES, Waves};
+use super::trig_sum::{AXES, Waves};
 use crate::field::{Field, Interval};
 use crate::frame::{CellBox, CellPoint};
 use crate::symmetry::{Frequency, Lattice, PointGroup};

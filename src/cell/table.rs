@@ -25,20 +25,20 @@ use crate::frame::{CellBox, CellPoint, Element, Vec3};
 
 mod build;
 mod direct;
+mod displacement;
+mod gradient_bound;
 mod grid;
 mod hull;
 mod leaf;
-mod probe;
 mod pyramid;
-mod resolve;
+mod resolution;
 mod spline;
-mod steepest;
 mod window;
 use build::Spectrum;
+use gradient_bound::{Slopes, Zero};
 use grid::Grid;
 use leaf::Leaf;
 use spline::Spline;
-use steepest::{Slopes, Zero};
 
 /// Greatest number of samples per axis that [`Table::new`] uses: 9 MiB for each series of a hex.
 const LARGEST: usize = 160;

@@ -6,7 +6,7 @@
 //! area, is taken: on a round strut its diameter, undisturbed by the nodes, where chords are longer.
 //! Beyond the element a chord goes on in the mirror image, as in a neighbour.
 
-use super::level::{Piece, Samples};
+use super::level_search::{Piece, Samples};
 use super::table::Table;
 use super::{Cell, CellError, Solid};
 use crate::field::Field;

@@ -93,7 +93,7 @@ struct Source {
 }
 
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
-    let threads = super::session::threads(p.threads)?;
+    let threads = super::context::threads(p.threads)?;
     let source = source(p)?;
     if p.view {
         return view::serve(p, &source, session);

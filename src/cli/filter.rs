@@ -1,6 +1,6 @@
 //! `druse filter IN.vdb -o OUT OP...`.
 
-use super::workshop::{Draft, GridChoice, answer as told, extent, output_key, path_value};
+use super::vdb_commands::{Draft, GridChoice, answer as told, extent, output_key, path_value};
 use super::{Answer, Failure, Session};
 use crate::recipe::GridWord;
 use clap::Args;

@@ -31,7 +31,7 @@ pub(super) struct Parameters {
 }
 
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
-    let threads = super::session::threads(p.threads)?;
+    let threads = super::context::threads(p.threads)?;
     let name = stem(&p.output);
     let (cell, warnings) =
         threads.install(|| make(&name, (&p.input, &p.cell), &threads, session))?;

@@ -149,7 +149,7 @@ impl From<HomogenizeError> for Failure {
 }
 
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
-    let threads = super::session::threads(p.threads)?;
+    let threads = super::context::threads(p.threads)?;
     let settings = settings(p)?;
     for (path, extensions) in [
         (&p.output, &["json", "csv"][..]),

@@ -1,6 +1,6 @@
 //! `druse mesh IN.vdb -o X.stl`.
 
-use super::workshop::{Draft, GridChoice, answer as told, extent, length, path_value, table};
+use super::vdb_commands::{Draft, GridChoice, answer as told, extent, length, path_value, table};
 use super::{Answer, Failure, Session};
 use crate::frame::LengthUnit;
 use crate::recipe::{Fraction, MesherWord, Portion, Size};

@@ -37,7 +37,7 @@ pub(super) struct Parameters {
 }
 
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
-    let threads = super::session::threads(p.threads)?;
+    let threads = super::context::threads(p.threads)?;
     let cell = super::cell::read(&p.cell)?;
     let plot = threads.install(|| {
         let source = match &p.source {

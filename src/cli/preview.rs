@@ -40,7 +40,7 @@ const FINENESS: f64 = 240.0;
 const HALF_WIDTH: f64 = 3.0;
 
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
-    let threads = super::session::threads(p.threads)?;
+    let threads = super::context::threads(p.threads)?;
     let tools = vdb::Session::new(&threads, session);
     if p.output.extension().is_none_or(|e| e != "png") {
         let found = p.output.display();

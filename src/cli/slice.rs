@@ -1,7 +1,7 @@
 //! `druse slice IN.vdb|RECIPE -o X --layer LENGTH`.
 
 use super::kind::FileKind;
-use super::workshop::{Draft, GridChoice};
+use super::vdb_commands::{Draft, GridChoice};
 use super::{Answer, Failure, Session};
 use crate::frame::LengthUnit;
 use crate::io::atomic::{AtomicFile, write_bytes};

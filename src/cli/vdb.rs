@@ -2,7 +2,7 @@
 //! one cannot bring the program down.
 
 use super::{Failure, Session};
-use crate::vdb::isolate::{self, Program};
+use crate::vdb::subprocess::{self, Program};
 use crate::vdb::{self, Adopted, Cubes, FileError, FileInfo, GridReading, LevelSet};
 use clap::{Args, ValueEnum};
 use std::ffi::OsString;
@@ -31,15 +31,15 @@ enum Wanted {
 
 /// The child's part.
 pub(super) fn answer(p: &Parameters, _: &Session) -> Result<super::Answer, Failure> {
-    let limits = isolate::Limits {
+    let limits = subprocess::Limits {
         memory: p.memory,
         milliseconds: p.milliseconds,
     };
     let line = match p.wanted {
-        Wanted::Info => isolate::report(&p.file, limits),
+        Wanted::Info => subprocess::report(&p.file, limits),
         Wanted::Grid => {
             let out = std::io::stdout().lock();
-            isolate::send(&p.file, p.grid.as_deref(), limits, out)
+            subprocess::send(&p.file, p.grid.as_deref(), limits, out)
                 .map_err(|e| crate::io::ReadError::io(&p.file, e))?;
             String::new()
         }

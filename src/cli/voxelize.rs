@@ -1,6 +1,6 @@
 //! `druse voxelize MESH -o X.vdb --voxel-size LENGTH`.
 
-use super::workshop::{Draft, answer as told, extent, length, path_value, table};
+use super::vdb_commands::{Draft, answer as told, extent, length, path_value, table};
 use super::{Answer, Failure, Session};
 use crate::frame::LengthUnit;
 use clap::Args;

@@ -11,7 +11,7 @@
 // Small functions of hot paths, which must be compiled for the processor that their caller is for.
 #![allow(clippy::inline_always)]
 
-use crate::lanes::{self, Lanes, Work};
+use crate::simd::{self, Lanes, Work};
 
 /// Farthest from 0 that a value counts as a contact, steps between samples: coordinates of input files
 /// are rounded to single precision.
@@ -55,7 +55,7 @@ pub fn leaf_contacts(
     step: f32,
     mut layer: impl FnMut(usize, usize) -> [f32; 64],
 ) -> Vec<(usize, f32)> {
-    let near = lanes::run(Near {
+    let near = simd::run(Near {
         values,
         tolerance: CONTACT_TOLERANCE * step,
     });

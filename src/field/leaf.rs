@@ -3,7 +3,7 @@
 #![allow(clippy::inline_always)]
 
 use super::Point;
-use crate::lanes::{self, Lanes, Work};
+use crate::simd::{self, Lanes, Work};
 
 /// What the values of a leaf say, one bit per sample: bit `8 y + z` of word `x` for sample (x, y, z).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -57,7 +57,7 @@ impl LeafBits {
     /// What the values of a leaf say, which are clamped to the background on the way: inactive ones lie beyond
     /// it. Nothing is proved.
     pub fn look_at(values: &mut [f32; 512], background: f32) -> Self {
-        lanes::run(Look { values, background })
+        simd::run(Look { values, background })
     }
 }
 

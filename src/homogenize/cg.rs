@@ -4,8 +4,8 @@
 //! changes the path and not the result, since the residual is that of the rounded direction.
 
 use super::HomogenizeError;
-use crate::lanes::widely;
 use crate::progress::Progress;
+use crate::simd::widely;
 use rayon::prelude::*;
 
 /// Numbers that one task sums or updates.

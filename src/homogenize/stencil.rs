@@ -7,7 +7,7 @@
 
 use super::grid::Grid;
 use super::spectral::Spectral;
-use crate::lanes::widely;
+use crate::simd::widely;
 use rayon::prelude::*;
 
 /// Layers of corners that one task fills; one more layer of voxels is computed twice.

@@ -4,7 +4,7 @@
 //! first, in every format: some write an element once for each group that it belongs to. The first one
 //! keeps its number and its fields, groups of the others become its own, and a note counts them.
 
-mod twins;
+mod duplicates;
 
 use super::scaffold::{
     DataField, ElementFile, FieldAt, Group, ScaffoldFile, SurfaceFile, no_solids,

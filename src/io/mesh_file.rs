@@ -1,10 +1,11 @@
 //! Meshes by extension: every file that holds a surface, read as polygons or as triangles.
 
 use super::atomic::AtomicFile;
+use super::polygons::Soup;
 use super::scaffold::{ELEMENT_FORMATS, read_elements};
-use super::soup::Soup;
 use super::{
-    Faces, MeshView, Place, ReadError, Source, WriteError, obj, off, outer, ply, stl, threemf, vtk,
+    Faces, MeshView, Place, ReadError, Source, WriteError, obj, off, outer_faces, ply, stl,
+    threemf, vtk,
 };
 use crate::frame::LengthUnit;
 use crate::mesh::TriMesh;
@@ -185,7 +186,7 @@ pub(super) fn read_soup(path: &Path) -> Result<Soup, ReadError> {
             let (mesh, warnings) = polymesh(path)?;
             Ok(Soup::of_polymesh(&mesh, warnings))
         }
-        other if ELEMENT_FORMATS.contains(&other) => outer::soup(path, &read_elements(path)?),
+        other if ELEMENT_FORMATS.contains(&other) => outer_faces::soup(path, &read_elements(path)?),
         _ => {
             let found = sniff(Source::open(path)?.peek(512)?);
             let known = format!("one of {}", readable().join(", "));

@@ -6,8 +6,8 @@
 use super::mesh_view::Rows;
 use super::mtl;
 use super::number::{self, words};
+use super::polygons::Soup;
 use super::polymesh::color_word;
-use super::soup::Soup;
 use super::{ReadError, Source, quote};
 use crate::frame::{LengthUnit, Vec3};
 use std::collections::BTreeMap;

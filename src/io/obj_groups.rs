@@ -5,8 +5,8 @@
 //! corners of a face agree. Written are `usemtl groupN` and numbers that read back exactly.
 
 use super::obj::{Marks, Names};
+use super::polygons::Soup;
 use super::polymesh::{Draft, by_color, color_word};
-use super::soup::Soup;
 use super::{ReadError, Source, mtl, obj};
 use crate::polymesh::{GroupBy, LoadOptions, PolyMesh, group_color};
 use std::collections::BTreeMap;

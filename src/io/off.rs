@@ -5,7 +5,7 @@
 //! passed over, unless the lines are too few for all of them. `OFF BINARY` and vertices of four or more coordinates are refused by name.
 
 use super::number::{self, words};
-use super::soup::Soup;
+use super::polygons::Soup;
 use super::{ReadError, Source, quote};
 use crate::frame::Vec3;
 

@@ -11,7 +11,7 @@ mod write;
 pub(super) use write::{size, write};
 
 use super::cloud::PointFile;
-use super::soup::Soup;
+use super::polygons::Soup;
 use super::{ReadError, Source};
 use body::content;
 use header::{Role, header};

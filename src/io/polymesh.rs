@@ -3,8 +3,8 @@
 
 use super::atomic::write_bytes;
 use super::mesh_file::read_soup;
+use super::polygons::Soup;
 use super::scaffold::ELEMENT_FORMATS;
-use super::soup::Soup;
 use super::{Place, ReadError, WriteError, dlfl, mtl, obj_groups, write_mesh};
 use crate::frame::{LengthUnit, Vec3};
 use crate::mesh::Merger;

@@ -18,9 +18,9 @@ pub use write::write_vtu;
 pub use xml::read as read_xml;
 
 use super::collector::Collector;
+use super::polygons::Soup;
 use super::scaffold::ElementFile;
-use super::soup::Soup;
-use super::{Place, ReadError, outer, polygon};
+use super::{Place, ReadError, outer_faces, polygon};
 use crate::frame::Vec3;
 use crate::scaffold::Kind;
 use std::path::Path;
@@ -53,7 +53,7 @@ impl VtkFile {
     /// As polygons: solids by their outer faces.
     pub fn soup(self, path: &Path) -> Result<Soup, ReadError> {
         match self {
-            Self::Elements(file) => outer::soup(path, &file),
+            Self::Elements(file) => outer_faces::soup(path, &file),
             Self::Polygons(soup) => Ok(soup),
         }
     }

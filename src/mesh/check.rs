@@ -14,7 +14,7 @@ use super::sides::HalfEdges;
 use super::soup::Soup;
 use crate::frame::{Aabb, LengthUnit, Vec3, figures, place_figures};
 use crate::progress::{Cancelled, Progress, Silent};
-use crate::sets::Sets;
+use crate::union_find::Sets;
 use std::fmt::{self, Write};
 
 /// How many places of a defect are kept.

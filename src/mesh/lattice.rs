@@ -12,7 +12,7 @@ use super::soup::{PACK, Pack, Soup};
 use super::triangle::closest_point;
 use crate::field::SampleLattice;
 use crate::frame::{Vec3, WorldPoint};
-use crate::lanes::{self, Lanes, Work};
+use crate::simd::{self, Lanes, Work};
 
 /// Relative rounding of squared lower bounds, for the cancellation within them too.
 const RELATIVE: f32 = 1e-5;
@@ -37,7 +37,7 @@ pub(super) fn distances(
         out.fill(2.0 * near);
         return;
     }
-    lanes::run(Sampling {
+    simd::run(Sampling {
         soup,
         all: soup.packs(),
         packs,

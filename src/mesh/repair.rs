@@ -1,8 +1,8 @@
 //! Meshes with defects as solids: what is turned, united and closed.
 
-use super::open::Open;
+use super::boundary_edges::Rim;
+use super::open_winding::Open;
 use super::openness::{HopelessMesh, Openness};
-use super::rim::Rim;
 use super::shells::{Nesting, Shell, Shells, inconsistent};
 use super::sides::HalfEdges;
 use super::solid::{Numbered, Parts};

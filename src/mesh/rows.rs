@@ -5,7 +5,7 @@
 
 use super::triangle::closest_point;
 use crate::frame::Vec3;
-use crate::lanes::{self, Eight, Lanes, Number, Work, alike, difference};
+use crate::simd::{self, Eight, Lanes, Number, Work, alike, difference};
 
 /// Points of a row.
 const ROW: usize = 8;
@@ -55,7 +55,7 @@ pub(super) fn distances(
     let corners = facets.iter().flat_map(|f| f.corners);
     let coordinates = corners.chain(points.iter().copied());
     let size = coordinates.map(|p| p.amax()).fold(0.0, f64::max);
-    lanes::run(Distances {
+    simd::run(Distances {
         facets: &facets,
         slack: SLACK * size,
         points,

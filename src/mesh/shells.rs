@@ -11,7 +11,7 @@ use super::crossing;
 use super::sides::{HalfEdge, HalfEdges};
 use super::soup::Soup;
 use crate::frame::{Aabb, Vec3};
-use crate::sets::Sets;
+use crate::union_find::Sets;
 
 /// A signed volume below this share of area^1.5 counts as none.
 const FLAT_VOLUME_RATIO: f64 = 1e-9;

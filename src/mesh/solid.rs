@@ -6,8 +6,8 @@
 //! 1-Lipschitz wherever the surface is closed. Across a hole, where w = 1/2 without a
 //! surface, the sign changes at a distance; bounds and bulk evaluation take that into account.
 
-use super::open::Open;
-use super::rim::Rim;
+use super::boundary_edges::Rim;
+use super::open_winding::Open;
 use super::sides::HalfEdges;
 use super::soup::{Closest, Soup};
 use super::unite::United;

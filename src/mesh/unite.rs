@@ -10,14 +10,14 @@
 //! left out.
 
 use super::TriMesh;
+use super::boundary_edges::Rim;
 use super::crossing;
-use super::open::Open;
-use super::rim::Rim;
+use super::open_winding::Open;
 use super::shells::{Nesting, Shells};
 use super::sides::HalfEdges;
 use super::soup::Soup;
 use crate::frame::{Aabb, Vec3, WorldPoint};
-use crate::sets::Sets;
+use crate::union_find::Sets;
 use rayon::prelude::*;
 
 /// Distance from a piece at which inside is decided, relative to the greatest coordinate: more than single

@@ -2,7 +2,7 @@
 
 use super::MesherError;
 use super::cases::{CASES, EDGES, Loop, edge_base};
-use super::sheet::{BATCH, Corners, FIRST_COLUMN, FIRST_ROW, Sheet, mixed, split};
+use super::edge_vertices::{BATCH, Corners, FIRST_COLUMN, FIRST_ROW, Sheet, mixed, split};
 use crate::frame::Vec3;
 use crate::progress::{Cancelled, Progress};
 use rayon::prelude::*;

@@ -1,7 +1,7 @@
 //! Parts of a mesh, and how they become one.
 
 use super::MesherError;
-use super::sheet::Sheet;
+use super::edge_vertices::Sheet;
 use crate::band::Region;
 use crate::frame::{Coord, Vec3};
 use crate::mesh::MeshError;

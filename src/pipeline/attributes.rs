@@ -3,10 +3,10 @@
 //! Beyond the scaffold a point takes the numbers of the closest point of the scaffold's boundary.
 
 use super::error::RunError;
-use super::filling::{CellWeights, Fill};
-use super::operate::Bench;
-use super::stock::Stock;
+use super::inputs::Stock;
+use super::level_set_ops::Bench;
 use super::thickness::Thickness;
+use super::tiling::{CellWeights, Fill};
 use crate::frame::{Aabb, CellPoint, Element, Vec3, WorldPoint};
 use crate::io::VertexAttribute;
 use crate::mesh::MeshSolid;

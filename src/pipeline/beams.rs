@@ -1,8 +1,8 @@
 //! The struts of a graph over a scaffold as beams: no voxels, no triangles.
 
 use super::error::RunError;
+use super::inputs::Stock;
 use super::source::skeleton;
-use super::stock::Stock;
 use crate::beams::Beams;
 use crate::frame::{CellPoint, Vec3};
 use crate::io::{Beam, BeamLattice};

@@ -9,10 +9,10 @@
 
 use super::error::RunError;
 use super::estimate::{self, Counts};
-use super::operate::{self, Bench};
+use super::field_ops::Shape;
+use super::inputs::Stock;
+use super::level_set_ops::{self, Bench};
 use super::report::SolidReport;
-use super::shape::Shape;
-use super::stock::Stock;
 use super::voxels::Voxels;
 use super::{Clock, Parts, RunOptions, Targets};
 use crate::band::{
@@ -29,16 +29,17 @@ use std::collections::BTreeMap;
 use std::io;
 use std::path::{Path, PathBuf};
 
+mod assemble;
+mod attributes;
 mod budget;
 mod directory;
 mod farm;
-mod gather;
-mod later;
+mod halo;
+mod least_wall;
 mod measure;
+mod merge;
 mod meshes;
-mod numbers;
 mod plan;
-mod reach;
 mod refusal;
 mod resample;
 mod segments;
@@ -46,16 +47,15 @@ mod solid;
 mod thickness;
 mod volumes;
 mod voxels;
-mod walls;
 
 pub use farm::{brick_plan, make_bricks, merge_bricks};
 pub use plan::BrickPlan;
 
 use budget::{check_disk, edge_that_fits, leaf_bytes};
 use directory::{Lock, clear, directory_beside, existing, make_directory, size_of};
-use gather::gather;
+use halo::{Pass, before_resampling, passes, reach, widest};
+use merge::gather;
 use plan::layout;
-use reach::{Pass, before_resampling, passes, reach, widest};
 use refusal::refusal;
 use solid::Bricks;
 
@@ -162,7 +162,10 @@ impl<'a> Yard<'a> {
     pub fn make(&self, bricks: std::ops::Range<usize>) -> Result<(BandStats, usize), RunError> {
         let begun = match self.stock.volumes.start() {
             Some(solid) => Begun::File(solid),
-            None => Begun::Field(super::shape::shape(self.stock, self.first.voxels.scale)?),
+            None => Begun::Field(super::field_ops::shape(
+                self.stock,
+                self.first.voxels.scale,
+            )?),
         };
         self.stock.begin_visits();
         let (mut stats, mut skipped) = (BandStats::default(), 0);
@@ -238,7 +241,7 @@ fn operate_on(
     let mut unread = SolidReport::default();
     let ops = stock.recipe.sections().op.iter().enumerate();
     for (n, op) in ops.take(pass.ops.end).skip(pass.ops.start) {
-        operate::apply(bench, stock, (n, op), solid, &mut unread)?;
+        level_set_ops::apply(bench, stock, (n, op), solid, &mut unread)?;
     }
     Ok(())
 }

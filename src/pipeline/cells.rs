@@ -1,8 +1,8 @@
 //! Cells of a recipe: from their source to a level and a side that is solid.
 
 use super::error::RunError;
-use super::inputs::Inputs;
-use super::operate::Bench;
+use super::input_files::Inputs;
+use super::level_set_ops::Bench;
 use super::report::Warning;
 use super::source::{CellFault, Found, Reader, SourceFault, alone};
 use super::standalone::StandAlone;

@@ -1,7 +1,7 @@
 //! Crystals of a recipe: their scripts, and the meshes that these make.
 
 use super::error::RunError;
-use super::inputs::hash_text;
+use super::input_files::hash_text;
 use crate::frame::Vec3;
 use crate::io::{DiskFiles, carry_out, read_script, script_fault};
 use crate::mesh::TriMesh;

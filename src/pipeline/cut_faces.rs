@@ -3,8 +3,8 @@
 //! A ball that touches one of them measures where the cut is, not how thick a wall was made. The
 //! percentiles of thickness leave such balls out.
 
-use super::stock::Stock;
-use super::wall::Wall;
+use super::inputs::Stock;
+use super::least_wall::Wall;
 use crate::frame::Vec3;
 use crate::mesh::MeshSolid;
 use crate::recipe::{Boundary, Op, Operand};

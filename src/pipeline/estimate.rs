@@ -7,10 +7,10 @@
 //! field.
 
 use super::error::{RunError, short};
+use super::field_ops::{room, shape_with};
+use super::inputs::Stock;
 use super::memory;
 use super::offsets::{Offsets, foretold};
-use super::shape::{room, shape_with};
-use super::stock::Stock;
 use super::thickness::PLACES;
 use super::voxels::Voxels;
 use crate::band::{Band, ClosestPointField, Sampling};
@@ -466,7 +466,7 @@ fn predict(stock: &Stock, threads: &Threads, c: &Counts) -> Estimate {
         leaves: c.leaves.round() as u64,
         active_voxels: c.active.round() as u64,
         peak_memory_bytes: memory::resident().saturating_add(peak as u64),
-        table_bytes: stock.fill().map_or(0, super::filling::Fill::table_bytes),
+        table_bytes: stock.fill().map_or(0, super::tiling::Fill::table_bytes),
         disk_bytes: disk as u64,
         bricks: 0,
         brick_bytes: 0,

@@ -5,8 +5,8 @@
 
 use super::error::RunError;
 use super::field_grid::FieldGrid;
-use super::inputs::{Inputs, frame_map};
-use super::scatter::Scatter;
+use super::input_files::{Inputs, frame_map};
+use super::scattered_data::Scatter;
 use super::source::has_extension;
 use crate::frame::{Aabb, Vec3, WorldPoint};
 use crate::io::{DataField, ElementFile, FieldAt, Place, ReadError};

@@ -1,7 +1,7 @@
 //! A grid of an OpenVDB file as a field of the recipe's space, whatever its voxels: trilinear between them.
 
 use super::error::RunError;
-use super::inputs::{Inputs, frame_map};
+use super::input_files::{Inputs, frame_map};
 use super::volumes::{fetch, unit_of};
 use crate::frame::{Aabb, Coord, Mat3, Vec3};
 use crate::recipe::{FileFrame, Outside};

@@ -5,7 +5,7 @@
 //! its volumes count. Where all elements of a shape are affine it is the same everywhere and left out.
 
 use super::error::RunError;
-use super::filling::Fill;
+use super::tiling::Fill;
 use crate::cell::{Cell, Density};
 use crate::frame::{CellPoint, Element};
 use crate::scaffold::Scaffold;

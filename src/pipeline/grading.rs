@@ -109,5 +109,5 @@ pub(super) fn nearest(grades: &[Grade], v: f64) -> Option<&Grade> {
 /// The shift for a value, linear between grades.
 pub(super) fn interpolated(grades: &[Grade], v: f64) -> f64 {
     let pairs: Vec<[f64; 2]> = grades.iter().map(|g| [g.asked, g.shift]).collect();
-    super::varying::mapped(&pairs, v)
+    super::spatial_value::mapped(&pairs, v)
 }

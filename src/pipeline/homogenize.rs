@@ -2,7 +2,7 @@
 
 use super::cells::{make, recipe_element};
 use super::error::RunError;
-use super::inputs::Inputs;
+use super::input_files::Inputs;
 use super::report::Warning;
 use super::source::{CellFault, skeleton_by};
 use super::{RunOptions, memory};

@@ -1,271 +1,422 @@
-//! Files that a run reads: their frame, their hash, their box, and what looks wrong with them.
+//! What a run is made of, read once: the meshes of its operations, its scaffold, its cell.
 
 use super::RunOptions;
-use super::crystals::Crystal;
-use super::error::{RunError, show};
+use super::cells;
+use super::error::{RunError, short};
+use super::field_ops::{Borrowed, Shape, common_part, field_operations};
+use super::fractions;
+use super::input_files::{Inputs, hash_text};
 use super::lattice::Lattice;
-use super::report::{Input, Warning};
-use crate::frame::{Aabb, LengthUnit, Vec3};
-use crate::io::{Place, ReadError, SolidFile};
-use crate::mesh::{HopelessMesh, MeshSolid, RepairKind, TriMesh};
-use crate::recipe::{CrystalFrame, FileFrame, Recipe, SurfaceRef, Up};
-use crate::vdb::isolate::{Opened, Program};
-use std::io::Read;
-use std::path::{Path, PathBuf};
+use super::offsets::{self, Offsets};
+use super::report::{OffsetReport, Report, SolidReport, Warning};
+use super::scaffold;
+use super::sheets::SheetOptions;
+use super::standalone::StandAlone;
+use super::tiling::{Fill, Filled};
+use super::volumes::Volumes;
+use crate::field::WorldField;
+use crate::frame::{Aabb, Vec3};
+use crate::mesh::MeshSolid;
+use crate::progress::{Progress, Threads};
+use crate::recipe::{Boundary, Distance, Op, Operand, Recipe, Scale, SurfaceRef};
+use crate::tiling::{self, Kernel, TiledSolid, TilingOptions, Visits};
+use crate::vdb::Session;
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::{Arc, OnceLock};
 
-/// Boxes that differ by more than this have probably different units.
-const UNLIKELY: f64 = 100.0;
+/// What nodes may take of the tolerance of a tiling; tables have theirs by themselves.
+const TOLD: f64 = 0.5;
 
-/// What has been read so far.
-pub(super) struct Inputs<'a> {
+/// Everything a run reads.
+pub(super) struct Stock<'a> {
+    /// The recipe.
     pub recipe: &'a Recipe,
-    pub files: Vec<Input>,
-    pub warnings: Vec<Warning>,
-    /// The child process that reads OpenVDB files, if one is to.
-    pub reader: Option<&'a Program>,
-    /// A grid that has been read already, if there is one.
-    pub opened: Option<&'a Opened>,
-    paths: Vec<PathBuf>,
-    strict: bool,
+    /// Grids of OpenVDB files.
+    pub volumes: Volumes,
+    inputs: Inputs<'a>,
+    solids: BTreeMap<String, Arc<MeshSolid>>,
+    /// Beams of the files that the solids are of.
+    lattices: BTreeMap<String, Arc<Lattice>>,
+    singles: BTreeMap<String, StandAlone>,
+    tiling: Option<Fill>,
+    offsets: Offsets,
+    offset_reports: Vec<OffsetReport>,
+    /// How the tiled scaffold finds its values, once it was asked for.
+    kernel: OnceLock<Kernel>,
+    /// The elements that its sampling came near.
+    visits: Visits,
 }
 
-impl<'a> Inputs<'a> {
-    pub fn new(recipe: &'a Recipe, options: &'a RunOptions) -> Self {
-        Self {
+impl<'a> Stock<'a> {
+    /// Reads all inputs.
+    pub fn load(
+        recipe: &'a Recipe,
+        threads: &Threads,
+        options: &'a RunOptions,
+        progress: &dyn Progress,
+    ) -> Result<Self, RunError> {
+        let mut stock = Self {
             recipe,
-            files: Vec::new(),
-            warnings: Vec::new(),
-            reader: options.isolated.as_ref(),
-            opened: options.opened.as_ref(),
-            paths: recipe.source().path.iter().cloned().collect(),
-            strict: options.strict,
-        }
-    }
-
-    /// The solid within a surface of the recipe.
-    pub fn solid(&mut self, key: &str, surface: SurfaceRef) -> Result<MeshSolid, RunError> {
-        match surface {
-            SurfaceRef::Mesh(file) => {
-                let path = self.recipe.resolve(&file.path);
-                let read = SolidFile {
-                    file: crate::io::read_mesh(&path)?,
-                    beams: Vec::new(),
-                };
-                Ok(self.read_solid(key, file, read)?.0)
-            }
-            SurfaceRef::Crystal(frame) => self.crystal_solid(key, frame),
-        }
-    }
-
-    /// The solid within a surface of the recipe, and the beams that its file holds besides.
-    pub fn solid_and_beams(
-        &mut self,
-        key: &str,
-        surface: SurfaceRef,
-    ) -> Result<(MeshSolid, Option<Lattice>), RunError> {
-        let SurfaceRef::Mesh(file) = surface else {
-            return Ok((self.solid(key, surface)?, None));
+            inputs: Inputs::new(recipe, options),
+            volumes: Volumes::default(),
+            solids: BTreeMap::new(),
+            lattices: BTreeMap::new(),
+            singles: BTreeMap::new(),
+            tiling: None,
+            offsets: Offsets::default(),
+            offset_reports: Vec::new(),
+            kernel: OnceLock::new(),
+            visits: Visits::default(),
         };
-        let read = crate::io::read_solid(self.recipe.resolve(&file.path))?;
-        self.read_solid(key, file, read)
+        threads.install(|| {
+            progress.stage("read", None);
+            stock.load_solids()?;
+            stock.load_singles(Session::new(threads, progress))?;
+            stock.load_tiling(Session::new(threads, progress))
+        })?;
+        stock.visits = Visits::new(stock.elements() as usize);
+        stock.volumes = Volumes::load(&mut stock.inputs, threads, progress)?;
+        stock.inputs.compare_boxes()?;
+        (stock.offsets, stock.offset_reports) = offsets::offsets(&stock, threads, progress)?;
+        Ok(stock)
     }
 
-    /// Makes a crystal and notes it.
-    pub fn crystal(&mut self, key: &str, frame: &CrystalFrame) -> Result<Crystal, RunError> {
-        let crystal = Crystal::make(self.recipe, frame)?;
-        self.record_crystal(key, &crystal, crystal.mesh.bounds())?;
-        Ok(crystal)
-    }
-
-    /// Notes a crystal for the report, and what its steps had to say.
-    pub fn record_crystal(
-        &mut self,
-        key: &str,
-        crystal: &Crystal,
-        bounds: Aabb,
-    ) -> Result<(), RunError> {
-        self.files.push(Input {
-            key: key.to_owned(),
-            path: crystal.origin.clone(),
-            hash: crystal.hash.clone(),
-            bounds,
-        });
-        self.paths.extend(crystal.files.iter().cloned());
-        for note in &crystal.notes {
-            self.warn(Warning::MESH, format!("{key}: {note}"))?;
+    fn load_solids(&mut self) -> Result<(), RunError> {
+        type Known = (Arc<MeshSolid>, Option<Arc<Lattice>>);
+        let mut seen: Vec<(SurfaceRef, Known)> = Vec::new();
+        for (n, op) in self.recipe.sections().op.iter().enumerate() {
+            let Some(surface) = op.operand().and_then(Operand::surface) else {
+                continue;
+            };
+            let skin = matches!(op.operand(), Some(Operand::Skin(_)));
+            // A skin takes a mesh without beams.
+            let is_known = |s: &&(SurfaceRef, Known)| s.0 == surface && !(skin && s.1.1.is_some());
+            let (solid, lattice) = if let Some((_, known)) = seen.iter().find(is_known) {
+                known.clone()
+            } else {
+                let path = if skin { ".skin" } else { "" };
+                let key = format!("op.{n}.{}{path}.{}", op.name(), surface.word());
+                let known: Known = if skin {
+                    (Arc::new(self.inputs.solid(&key, surface)?), None)
+                } else {
+                    let (solid, lattice) = self.inputs.solid_and_beams(&key, surface)?;
+                    (Arc::new(solid), lattice.map(Arc::new))
+                };
+                seen.push((surface, known.clone()));
+                known
+            };
+            if let Some(lattice) = lattice {
+                self.lattices.insert(format!("op.{n}"), lattice);
+            }
+            self.solids.insert(format!("op.{n}"), solid);
         }
         Ok(())
     }
 
-    fn crystal_solid(&mut self, key: &str, frame: &CrystalFrame) -> Result<MeshSolid, RunError> {
-        let crystal = self.crystal(key, frame)?;
-        let mesh = crystal.solid(self.recipe, frame)?;
-        self.repaired(key, mesh, Path::new(&crystal.origin))
-    }
-
-    /// A mesh as a solid, with warnings of what was repaired.
-    fn repaired(&mut self, key: &str, mesh: TriMesh, path: &Path) -> Result<MeshSolid, RunError> {
-        let (solid, repairs) = MeshSolid::repaired(mesh).map_err(|e| not_a_solid(path, &e))?;
-        for repair in repairs {
-            let code = match repair.kind {
-                RepairKind::United => Warning::OVERLAP,
-                RepairKind::Turned | RepairKind::Closed => Warning::MESH,
+    /// Cells that operations take by themselves.
+    fn load_singles(&mut self, session: Session) -> Result<(), RunError> {
+        let sections = self.recipe.sections();
+        let scale = self.recipe.scale();
+        for (n, op) in sections.op.iter().enumerate() {
+            let Some(Operand::Cell(single)) = op.operand() else {
+                continue;
             };
-            self.warn(code, format!("{key}: {repair}"))?;
+            session.progress.stage("cell", None);
+            let section = &sections.cell[&single.name];
+            let key = format!("cell.{}", single.name);
+            let inputs = &mut self.inputs;
+            let element = cells::recipe_element(inputs.recipe, section)?;
+            let cell = cells::make(inputs, &key, section, element, session)?;
+            let centre = Vec3::from(single.centre.map(|l| l.resolve(scale)));
+            let alone = StandAlone::new(&cell, centre, single.size.resolve(scale))?;
+            self.singles.insert(format!("op.{n}"), alone);
         }
-        Ok(solid)
+        Ok(())
     }
 
-    /// Brings what was read into the recipe's unit and frame, and makes solids of it.
-    fn read_solid(
-        &mut self,
-        key: &str,
-        file: &FileFrame,
-        SolidFile { file: read, beams }: SolidFile,
-    ) -> Result<(MeshSolid, Option<Lattice>), RunError> {
-        let path = self.recipe.resolve(&file.path);
-        let own = file.unit.map(|u| u.0).or(read.unit);
-        let recipe = self.recipe.unit();
-        let mesh = framed(&read.mesh, file, own, recipe);
-        let factor = own.map_or(1.0, |u| u.to(recipe)) * file.transform.scale.0;
-        let map = frame_map(file, own, recipe);
-        let clip = |mesh| self.repaired(key, mesh, &path);
-        let lattice = Lattice::new(&beams, map, factor, clip)?;
-        let bounds = match &lattice {
-            Some(lattice) if mesh.is_empty() => lattice.bounds(),
-            Some(lattice) => lattice.bounds().union(mesh.bounds()),
-            None => filled(&mesh, &path)?,
+    fn load_tiling(&mut self, session: Session) -> Result<(), RunError> {
+        let sections = self.recipe.sections();
+        let (Some(section), Some(tiling)) = (&sections.scaffold, &sections.tiling) else {
+            return Ok(());
         };
-        self.record(key, &path, bounds)?;
-        for warning in read.warnings {
-            self.warn(Warning::MESH, format!("{key}: {warning}"))?;
-        }
-        let solid = if mesh.is_empty() {
-            MeshSolid::new(mesh)
-        } else {
-            self.repaired(key, mesh, &path)?
-        };
-        Ok((solid, lattice))
+        let loaded = scaffold::load(&mut self.inputs, section)?;
+        session.progress.stage("cell", None);
+        let envelope = self.envelope().cloned().or_else(|| loaded.envelope.clone());
+        let inputs = &mut self.inputs;
+        self.tiling = Some(Fill::load(
+            inputs,
+            loaded,
+            tiling,
+            envelope.as_deref(),
+            session,
+        )?);
+        Ok(())
     }
 
-    /// Notes an input for the report.
-    pub fn record(&mut self, key: &str, path: &Path, bounds: Aabb) -> Result<(), RunError> {
-        let (_, hash) = digest(path)?;
-        self.files.push(Input {
-            key: key.to_owned(),
-            path: path.display().to_string(),
-            hash,
-            bounds,
-        });
-        self.paths.push(path.to_owned());
+    /// The first mesh or crystal without beams that the solid is intersected with.
+    fn envelope(&self) -> Option<&Arc<MeshSolid>> {
+        let ops = &self.recipe.sections().op;
+        ops.iter().enumerate().find_map(|(n, op)| match op {
+            Op::Intersect(Operand::Mesh(_) | Operand::Crystal(_)) => {
+                let key = format!("op.{n}");
+                let has_beams = self.lattices.contains_key(&key);
+                self.solids.get(&key).filter(|_| !has_beams)
+            }
+            _ => None,
+        })
+    }
+
+    /// What fills the scaffold, if the recipe has one.
+    pub fn fill(&self) -> Option<&Fill> {
+        self.tiling.as_ref()
+    }
+
+    /// What the finished solid shows: W102 thin walls, W106 loose pieces, W107 cuts that miss it,
+    /// W108 much that was dropped.
+    pub fn look_at(&mut self, solid: &SolidReport, scale: Scale) -> Result<(), RunError> {
+        if let Some(wall) = solid.least_wall.filter(|&w| w < 2.0 * scale.voxel_size) {
+            let message = format!(
+                "walls under 2 voxels: the least is {wall:.3} {}, {:.1} voxels",
+                scale.unit,
+                wall / scale.voxel_size
+            );
+            self.inputs.warn(Warning::THIN, message)?;
+        }
+        if solid.components > 1 {
+            let message = format!(
+                "the solid falls into {} pieces; keep_largest = true keeps one",
+                solid.components
+            );
+            self.inputs.warn(Warning::PIECES, message)?;
+        }
+        let share = solid.dropped_volume / (solid.dropped_volume + solid.volume);
+        if share > 0.01 {
+            let message = format!(
+                "{} pieces with {:.0} % of the solid were dropped; thin walls may have come apart before",
+                solid.dropped_components,
+                100.0 * share
+            );
+            self.inputs.warn(Warning::DROPPED, message)?;
+        }
+        let cuts = self.recipe.sections().output.iter().filter_map(|o| o.cut);
+        for (cut, bounds) in cuts.filter_map(|cut| Some((cut, solid.bounds?))) {
+            let (from, to) = (bounds.min[cut.axis], bounds.max[cut.axis]);
+            if cut.at < from || cut.at > to {
+                let message = format!(
+                    "the cut at {} misses the part, which spans {} to {} there",
+                    cut.at,
+                    short(from),
+                    short(to)
+                );
+                self.inputs.warn(Warning::CUT, message)?;
+            }
+        }
         Ok(())
     }
 
     /// A warning; the end of a strict run.
     pub fn warn(&mut self, code: &'static str, message: String) -> Result<(), RunError> {
-        if self.strict {
-            return Err(RunError::Strict { code, message });
-        }
-        self.warnings.push(Warning { code, message });
-        Ok(())
+        self.inputs.warn(code, message)
     }
 
-    /// W101: two inputs in world space whose boxes differ more than a hundredfold.
-    pub fn compare_boxes(&mut self) -> Result<(), RunError> {
-        let size = |i: &Input| i.bounds.half_diagonal();
-        let placed = |i: &&Input| !i.key.starts_with("cell.") && !i.bounds.is_empty();
-        let world = || self.files.iter().filter(placed);
-        let least = world().min_by(|a, b| size(a).total_cmp(&size(b)));
-        let most = world().max_by(|a, b| size(a).total_cmp(&size(b)));
-        let Some((least, most)) = least.zip(most) else {
-            return Ok(());
-        };
-        if size(most) <= UNLIKELY * size(least) {
-            return Ok(());
+    /// How many operations from the first are done before the level set is there.
+    pub fn pointwise(&self) -> usize {
+        match self.volumes.start() {
+            Some(_) => 1,
+            None => field_operations(&self.recipe.sections().op) + self.offsets.count,
         }
-        let message = format!(
-            "units look wrong: {} spans {}, {} spans {} (in {}); say unit = ... for one of them",
-            most.key,
-            show(&most.bounds),
-            least.key,
-            show(&least.bounds),
-            self.recipe.unit()
-        );
-        self.warn(Warning::UNITS, message)
+    }
+
+    /// The mesh of an operation, by its key `op.N`.
+    pub fn solid(&self, key: &str) -> &MeshSolid {
+        &self.solids[key]
+    }
+
+    /// The beams beside the mesh of an operation, by its key `op.N`.
+    pub fn lattice(&self, key: &str) -> Option<&Lattice> {
+        self.lattices.get(key).map(Arc::as_ref)
+    }
+
+    /// The cell of an operation, by its key `op.N`.
+    pub fn single(&self, key: &str) -> &StandAlone {
+        &self.singles[key]
+    }
+
+    /// What is done to the field after the operations on fields.
+    pub fn offsets(&self) -> Offsets {
+        self.offsets
+    }
+
+    /// How the recipe tiles, for voxels of one size, where distances must hold beyond the band as far
+    /// as offsets reach.
+    pub fn tiling_options(&self, scale: Scale, offsets: Offsets) -> TilingOptions {
+        let sections = self.recipe.sections();
+        let boundary = sections.scaffold.as_ref().map(|s| s.boundary);
+        TilingOptions {
+            voxel_size: scale.voxel_size,
+            half_width: scale.voxel_size * sections.band.half_width.0 + offsets.reach(),
+            distance: match sections.band.distance {
+                Distance::Fast if !offsets.exact => tiling::Distance::Fast,
+                _ => tiling::Distance::Exact,
+            },
+            boundary: match boundary.unwrap_or_default() {
+                Boundary::Cut => tiling::Boundary::Cut,
+                Boundary::Extend => tiling::Boundary::Extend,
+            },
+        }
+    }
+
+    /// How far tables and nodes may displace the surface, voxels.
+    fn tolerance(&self) -> f64 {
+        let section = self.recipe.sections().tiling.as_ref();
+        section.map_or(0.0, |t| t.tolerance.0)
+    }
+
+    /// The tiled scaffold as a field, if the recipe has one.
+    pub fn tiled(&self, scale: Scale, offsets: Offsets) -> Result<Option<Shape<'_>>, RunError> {
+        let Some(tiling) = &self.tiling else {
+            return Ok(None);
+        };
+        let options = self.tiling_options(scale, offsets);
+        if let Some(round) = tiling.round() {
+            return Ok(Some(round.shape(tiling, options, offsets)));
+        }
+        let failed = |e: tiling::TilingError| RunError::Tiling(e.to_string());
+        let scaffold = &tiling.loaded.scaffold;
+        let nodes = TOLD * self.tolerance() * options.voxel_size;
+        let field: Box<WorldField<'_>> = if let Some(sheets) = tiling.sheets() {
+            let how = SheetOptions {
+                tiling: options,
+                offsets,
+                nodes,
+                visits: Some(&self.visits),
+            };
+            let (field, kernel) = sheets.field(tiling, || tiling.tabulated(), how)?;
+            self.kernel.get_or_init(|| kernel);
+            field
+        } else {
+            match tiling.tabulated()? {
+                Filled::One(table) => {
+                    let solid = TiledSolid::new(scaffold, table, options).map_err(failed)?;
+                    self.kernel.get_or_init(|| solid.kernel());
+                    Box::new(solid.noting(&self.visits).by_nodes(nodes))
+                }
+                Filled::Many(blend) => {
+                    let solid = TiledSolid::owning(scaffold, *blend, options).map_err(failed)?;
+                    self.kernel.get_or_init(|| solid.kernel());
+                    Box::new(solid.noting(&self.visits).by_nodes(nodes))
+                }
+            }
+        };
+        let extent = tiled_extent(tiling, options.boundary);
+        let mut shape = Shape {
+            field,
+            extent,
+            name: "the scaffold".into(),
+        };
+        if let Some(envelope) = &tiling.loaded.envelope {
+            // The mesh that was filled ends the solid.
+            let borrowed = Box::new(Borrowed(envelope.as_ref()));
+            shape.field = common_part(shape.field, borrowed, options.half_width, offsets);
+        }
+        Ok(Some(shape))
+    }
+
+    /// The box that the tiled scaffold lies in, if the recipe has one.
+    pub fn tiled_extent(&self, scale: Scale, offsets: Offsets) -> Option<Aabb> {
+        let boundary = self.tiling_options(scale, offsets).boundary;
+        self.tiling.as_ref().map(|t| tiled_extent(t, boundary))
+    }
+
+    /// How the tiled scaffold found its values, if it was asked for any.
+    pub fn kernel(&self) -> Option<Kernel> {
+        self.kernel.get().copied()
+    }
+
+    /// Forgets which elements were visited: what was looked at before is no part of the run's sampling.
+    pub fn begin_visits(&self) {
+        self.visits.clear();
+    }
+
+    /// How many elements of the tiled scaffold were visited since.
+    pub fn elements_visited(&self) -> Option<u64> {
+        self.kernel().map(|_| self.visits.count())
+    }
+
+    /// How many leaves of the tiled scaffold nodes have told since.
+    pub fn leaves_by_nodes(&self) -> Option<u64> {
+        self.kernel().map(|_| self.visits.leaves_by_nodes())
+    }
+
+    /// Elements of the scaffold.
+    pub fn elements(&self) -> u64 {
+        self.tiling
+            .as_ref()
+            .map_or(0, |t| t.loaded.scaffold.len() as u64)
+    }
+
+    /// Volume that the solid's share is taken of: the first envelope's, or the scaffold's.
+    pub fn room(&self) -> Option<f64> {
+        self.envelope()
+            .map(Arc::as_ref)
+            .or_else(|| self.tiling.as_ref()?.loaded.envelope.as_deref())
+            .map(|solid| solid.mesh().volume().abs())
+            .or_else(|| self.tiling.as_ref().map(|t| t.loaded.report.volume))
     }
 
     /// Whether a path is one of the inputs.
-    pub fn contains(&self, path: &Path) -> bool {
-        let real = |p: &Path| std::fs::canonicalize(p).ok();
-        let target = real(path);
-        target.is_some() && self.paths.iter().any(|p| real(p) == target)
+    pub fn is_input(&self, path: &Path) -> bool {
+        self.inputs.contains(path)
     }
-}
 
-fn filled(mesh: &TriMesh, path: &Path) -> Result<Aabb, ReadError> {
-    if mesh.is_empty() {
-        let (found, expected) = ("no triangles", "a mesh with triangles");
-        return Err(ReadError::data(path, Place::File, found, expected));
-    }
-    Ok(mesh.bounds())
-}
-
-/// The error for a mesh that bounds no solid and cannot be repaired.
-pub(super) fn not_a_solid(path: &Path, error: &HopelessMesh) -> ReadError {
-    ReadError::data(
-        path,
-        Place::File,
-        error.to_string(),
-        "a surface that bounds a solid",
-    )
-}
-
-/// A mesh in the recipe's unit and frame: its own unit, its up axis, then its placement.
-fn framed(
-    mesh: &TriMesh,
-    file: &FileFrame,
-    own: Option<LengthUnit>,
-    recipe: LengthUnit,
-) -> TriMesh {
-    mesh.mapped(frame_map(file, own, recipe))
-}
-
-/// The change of frame of a file's points.
-pub(super) fn frame_map(
-    file: &FileFrame,
-    own: Option<LengthUnit>,
-    recipe: LengthUnit,
-) -> impl Fn(Vec3) -> Vec3 {
-    let factor = own.map_or(1.0, |u| u.to(recipe));
-    let (matrix, shift) = file.transform.matrix();
-    let up = file.up;
-    move |v| {
-        let v = match up {
-            Up::Z => v,
-            Up::Y => Vec3::new(v.x, -v.z, v.y),
+    /// Share of its volume that the recipe asked of its cell or its tiling, and that the cell has in the
+    /// elements of the scaffold as they are.
+    pub fn fractions(&self) -> (Option<f64>, Option<f64>) {
+        let Some(tiling) = &self.tiling else {
+            return (None, None);
         };
-        matrix * (v * factor) + shift
+        // Of a blend there is no single one.
+        let asked = match &tiling.palette[..] {
+            [entry] => self.recipe.sections().cell[&entry.name].volume_fraction,
+            _ => None,
+        };
+        let asked = tiling.fraction_asked.or(asked.map(|f| f.0));
+        (asked, fractions::of_cell(tiling))
     }
-}
 
-/// Size and BLAKE3 of a file.
-pub(super) fn digest(path: &Path) -> Result<(u64, String), ReadError> {
-    let failed = |e| ReadError::io(path, e);
-    let mut file = std::fs::File::open(path).map_err(failed)?;
-    let mut hasher = blake3::Hasher::new();
-    let mut buffer = vec![0; 1 << 18];
-    let mut size = 0;
-    loop {
-        let n = file.read(&mut buffer).map_err(failed)?;
-        if n == 0 {
-            return Ok((size, hasher.finalize().to_hex().to_string()));
+    /// The thickness that the recipe asks for, least and greatest, in its unit; `None` where it asks for none
+    /// in units of length.
+    pub fn thickness_asked(&self) -> Option<[f64; 2]> {
+        self.tiling.as_ref()?.thickness_asked()
+    }
+
+    /// The part of the report that the inputs fill in.
+    pub fn report(&self) -> Report {
+        let path = self.recipe.source().path.as_ref();
+        Report {
+            druse: env!("CARGO_PKG_VERSION").into(),
+            recipe: path.map_or(String::new(), |p| p.display().to_string()),
+            recipe_blake3: hash_text(&self.recipe.source().text()),
+            unit: self.recipe.unit().symbol().into(),
+            inputs: self.inputs.files.clone(),
+            scaffold: self.tiling.as_ref().map(|t| t.loaded.report.clone()),
+            cells: self.tiling.iter().flat_map(Fill::facts).collect(),
+            offsets: self.offset_reports.clone(),
+            warnings: self.inputs.warnings.clone(),
+            ..Report::default()
         }
-        hasher.update(&buffer[..n]);
-        size += n as u64;
     }
 }
 
-/// BLAKE3 of a text.
-pub(super) fn hash_text(text: &str) -> String {
-    blake3::hash(text.as_bytes()).to_hex().to_string()
+/// The box of a tiled scaffold. Where nothing is cut off, an envelope ends the solid; it may reach beyond the
+/// scaffold.
+fn tiled_extent(tiling: &Fill, boundary: tiling::Boundary) -> Aabb {
+    let bounds = tiling.loaded.scaffold.bounds();
+    let extent = match boundary {
+        tiling::Boundary::Cut => bounds,
+        tiling::Boundary::Extend => bounds.dilated(bounds.half_diagonal()),
+    };
+    let envelope = tiling.loaded.envelope.as_ref();
+    envelope.map_or(extent, |e| extent.intersection(e.bounds()))
 }

@@ -2,10 +2,10 @@
 //! clips them.
 
 use super::error::RunError;
-use super::inputs::not_a_solid;
+use super::field_ops::{Borrowed, Shape, common_part, whole};
+use super::input_files::not_a_solid;
+use super::level_set_ops::Bench;
 use super::offsets::Offsets;
-use super::operate::Bench;
-use super::shape::{Borrowed, Shape, common_part, whole};
 use crate::beams::{Beam, Beams, Rod, Rods};
 use crate::field::{Complement, WorldField};
 use crate::frame::{Aabb, LengthUnit, Vec3};

@@ -3,11 +3,11 @@
 use super::attributes::Attributes;
 use super::decimate::{Wish, decimated};
 use super::error::RunError;
-use super::operate::Bench;
+use super::field_ops::shape;
+use super::level_set_ops::Bench;
 use super::output::Finished;
 use super::precision::needs_double;
 use super::report::MeshFacts;
-use super::shape::shape;
 use crate::field::WorldField;
 use crate::frame::{LengthUnit, Vec3, WorldPoint};
 use crate::io::{MeshView, write_beams, write_mesh};

@@ -20,9 +20,9 @@
 //! the level set, and so is all that comes after it, or has a mask.
 
 use super::error::RunError;
+use super::field_ops::{Shape, field_operations, shape_with};
+use super::inputs::Stock;
 use super::report::{OffsetReport, Way};
-use super::shape::{Shape, field_operations, shape_with};
-use super::stock::Stock;
 use crate::band::{Band, SurfacePoints};
 use crate::frame::{Transform, WorldPoint};
 use crate::progress::{Progress, Threads};

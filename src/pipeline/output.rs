@@ -2,9 +2,9 @@
 
 use super::attributes::Attributes;
 use super::error::RunError;
-use super::operate::Bench;
+use super::inputs::Stock;
+use super::level_set_ops::Bench;
 use super::report::OutputFile;
-use super::stock::Stock;
 use super::thickness::Thickness;
 use crate::frame::{Aabb, LengthUnit, Transform};
 use crate::io::atomic::{StagedPath, write_bytes};
@@ -88,7 +88,7 @@ pub(super) fn picture(output: &Output) -> Picture {
 
 /// What the report says of any file.
 pub(super) fn listed(path: &Path, unit: Option<LengthUnit>) -> Result<OutputFile, RunError> {
-    let (bytes, hash) = super::inputs::digest(path)?;
+    let (bytes, hash) = super::input_files::digest(path)?;
     Ok(OutputFile {
         path: path.display().to_string(),
         bytes,
@@ -118,7 +118,7 @@ pub(super) fn vdb_file<'a>(
         });
     let text = recipe.source().text();
     file.tag("druse.recipe", &text)?;
-    file.tag("druse.recipe_blake3", &super::inputs::hash_text(&text))?;
+    file.tag("druse.recipe_blake3", &super::input_files::hash_text(&text))?;
     file.tag("druse.inputs", &hashes(stock))?;
     file.tag("druse.unit", unit.symbol())?;
     let voxel = bench.scale.voxel_size * factor;

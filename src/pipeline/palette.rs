@@ -7,7 +7,7 @@
 use super::cells;
 use super::error::{RunError, short};
 use super::fractions;
-use super::inputs::Inputs;
+use super::input_files::Inputs;
 use super::report::Warning;
 use super::source::SourceFault;
 use crate::cell::{Cell, Density, Solid, Table, fit_matched};

@@ -1,8 +1,8 @@
 //! What a run found and made: the content of `report.json`.
 
 use super::cut_faces::CutFaces;
+use super::least_wall::Sampled;
 use super::requirements::Requirement;
-use super::wall::Sampled;
 use crate::frame::Aabb;
 use crate::progress::Threads;
 use crate::tiling::{Certificate, FaceStatistics, Kernel, Seam};

@@ -4,10 +4,10 @@
 //! (gaps, cavities, mass) are measured here, only where they are required.
 
 use super::error::{RunError, short};
-use super::operate::Bench;
+use super::least_wall::{Phase, REACH};
+use super::level_set_ops::Bench;
 use super::report::{Report, SolidReport};
 use super::thickness::{Lattice, Measured, sampled_walls};
-use super::wall::{Phase, REACH};
 use crate::frame::{Aabb, LengthUnit};
 use crate::mesh::TriMesh;
 use crate::progress::{Progress, Threads};

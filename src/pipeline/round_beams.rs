@@ -10,13 +10,13 @@
 //! Graphs and other cells cannot be mixed in one tiling as beams; there graphs stay fitted.
 
 use super::error::RunError;
-use super::filling::Fill;
-use super::inputs::Inputs;
+use super::field_ops::{Borrowed, Shape, common_part};
+use super::input_files::Inputs;
 use super::offsets::Offsets;
 use super::report::Warning;
-use super::shape::{Borrowed, Shape, common_part};
 use super::source::{skeleton, skeleton_notes};
-use super::varying::Setting;
+use super::spatial_value::Setting;
+use super::tiling::Fill;
 use crate::beams::{
     Beam, Beams, Cut, Network, NetworkError, Plate, ScaffoldSolid, Shapes, WeightsAt, Width,
 };

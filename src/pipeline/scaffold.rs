@@ -1,7 +1,7 @@
 //! Scaffolds of a recipe: from a file or a shape to elements that can be filled.
 
 use super::error::RunError;
-use super::inputs::{Inputs, frame_map};
+use super::input_files::{Inputs, frame_map};
 use super::report::{ScaffoldReport, Warning};
 use crate::frame::{Aabb, Vec3};
 use crate::io::{ElementFile, Group};

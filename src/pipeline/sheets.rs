@@ -11,10 +11,10 @@
 //! mid-surface.
 
 use super::error::RunError;
-use super::filling::{Fill, Filled};
+use super::field_ops::{Borrowed, common_part};
 use super::offsets::Offsets;
-use super::scatter::Scatter;
-use super::shape::{Borrowed, common_part};
+use super::scattered_data::Scatter;
+use super::tiling::{Fill, Filled};
 use crate::band::ClosestPointField;
 use crate::field::{Complement, Field, Interval, SampleLattice, Union, WorldField};
 use crate::frame::{Aabb, Coord, Transform, Vec3, WorldPoint};

@@ -1,10 +1,10 @@
 //! Layers straight from a recipe: of its exact field where it has one, else of its level set.
 
 use super::error::RunError;
-use super::operate::{Bench, apply};
+use super::field_ops::shape;
+use super::inputs::Stock;
+use super::level_set_ops::{Bench, apply};
 use super::report::SolidReport;
-use super::shape::shape;
-use super::stock::Stock;
 use super::{RunOptions, threads};
 use crate::field::WorldField;
 use crate::frame::{Aabb, LengthUnit};

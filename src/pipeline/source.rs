@@ -3,7 +3,7 @@
 use super::crystals::Crystal;
 use super::error::RunError;
 use super::fit_options::fit_options;
-use super::inputs::frame_map;
+use super::input_files::frame_map;
 use super::report::Warning;
 use crate::cell::{
     Caps, FitError, Placement, Skeleton, SkeletonError, Source, Surface, Voxels, fit_source,

@@ -4,7 +4,7 @@
 //! over it. A cell of the ball fills the cube around the ball, and the ball ends it.
 
 use super::error::RunError;
-use super::shape::Shape;
+use super::field_ops::Shape;
 use crate::cell::{Cell, Table};
 use crate::field::{Intersection, Sphere};
 use crate::frame::{Aabb, Element, Vec3};

@@ -1,7 +1,7 @@
 //! The full local thickness of a solid, anywhere near it: the diameter of the ball within it that touches
 //! its surface at the nearest place where one was measured.
 //!
-//! The balls are those of [`super::wall`]. Up to a radius of [`WIDEST`] voxels they are looked for among
+//! The balls are those of [`super::least_wall`]. Up to a radius of [`WIDEST`] voxels they are looked for among
 //! all points of the surface, wider ones among ever fewer: where the radius doubles, three of four points
 //! are left out, so that a ball is told by about as many. Those lie no farther apart than a fifth of its
 //! radius r, and between points s apart a ball sinks in by s^2 / (8 r): half a hundredth of it.
@@ -10,11 +10,11 @@
 //! depends on the regions or on the order of points: which of them count is told by their voxels, of
 //! points that are equally near the same one is taken, and every point knows the whole normal.
 
-use super::bins::Bins;
 use super::error::RunError;
-use super::operate::Bench;
-use super::sites::{Site, Sites};
-use super::wall::{BIN_EDGES, Ball, Phase, Sampled, SurfacePoint, Wall, ball_at};
+use super::least_wall::{BIN_EDGES, Ball, Phase, Sampled, SurfacePoint, Wall, ball_at};
+use super::level_set_ops::Bench;
+use super::nearest::{Site, Sites};
+use super::spatial_bins::Bins;
 use crate::band::Region;
 use crate::frame::{Coord, Vec3};
 use crate::mesh::TriMesh;

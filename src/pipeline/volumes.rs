@@ -1,12 +1,12 @@
 //! Grids of OpenVDB files that a run reads: solids to combine with, masks, and the solid it starts from.
 
 use super::error::RunError;
-use super::inputs::Inputs;
+use super::input_files::Inputs;
 use super::report::Warning;
 use crate::frame::{Aabb, LengthUnit, Vec3};
 use crate::progress::{Progress, Threads};
 use crate::recipe::{Grid, Mask, Onto, Op, Operand, Recipe, Scale, Similarity};
-use crate::vdb::isolate::Program;
+use crate::vdb::subprocess::Program;
 use crate::vdb::{Cubes, FileError, GridReading, LevelSet, Placement, Sampled, Session, Volume};
 use std::collections::BTreeMap;
 use std::path::Path;

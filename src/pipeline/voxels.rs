@@ -1,6 +1,6 @@
 //! The voxels that a solid lies on, and its way to others.
 
-use super::stock::Stock;
+use super::inputs::Stock;
 use super::volumes::resample_placement;
 use crate::recipe::{Resample, Scale};
 use crate::vdb::{MOST_FINER, Placement};

@@ -3,7 +3,7 @@
 #![allow(clippy::inline_always)]
 
 use crate::frame::Vec3;
-use crate::lanes::Number;
+use crate::simd::Number;
 
 /// Which powers there are.
 #[derive(Clone, Copy, PartialEq, Eq)]

@@ -4,7 +4,7 @@
 //! mesh; where they do not, the face is torn and the report says so.
 
 use super::{Connectivity, Scaffold};
-use crate::sets::Sets;
+use crate::union_find::Sets;
 
 /// A face of an element.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]

@@ -11,9 +11,9 @@
 //! tables are added, weighted by what the pair has of the whole.
 
 use super::distribution::{Distribution, normalise};
-use super::pair::{Pair, pair};
 use super::source::{CellField, Filling, fills, single};
-use super::{Interpolation, TilingError, seam};
+use super::transition_levels::{Pair, pair};
+use super::{Interpolation, TilingError, interface};
 use crate::cell::{Smooth, Table};
 use crate::field::{Field, Interval};
 use crate::frame::{CellBox, CellPoint, Element, Vec3};
@@ -285,7 +285,7 @@ impl<C: CellField> Filling for Blend<'_, C> {
         }
         for (member, scale) in self.members.iter().zip(&self.scales) {
             let value = |shape, xi| member.of(shape).map_or(0.0, |c| c.value(xi));
-            seam::check(scaffold, &value, 1.0 / scale)?;
+            interface::check(scaffold, &value, 1.0 / scale)?;
         }
         Ok(())
     }

@@ -1,7 +1,7 @@
 //! What the tiling's values can be in a box: bounds of the cell over the box's image in each element.
 
 use super::fill::with_straight;
-use super::near::{Local, NEIGHBOUR, Near};
+use super::locality::{Local, NEIGHBOUR, Near};
 use super::{Distance, Filling, TiledSolid};
 use crate::field::{Interval, LeafParts};
 use crate::frame::{Aabb, CellPoint};

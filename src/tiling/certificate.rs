@@ -5,7 +5,7 @@
 //! the face, the angle between both sides' normals is C1. Jumps are shares of the range of the
 //! field's values on all faces.
 
-use super::seam::{joined, mix, shared, shares};
+use super::interface::{joined, mix, shared, shares};
 use super::source::Filling;
 use crate::frame::{CellPoint, Vec3, WorldPoint};
 use crate::scaffold::{FaceRef, Scaffold};

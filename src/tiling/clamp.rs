@@ -3,7 +3,7 @@
 #![allow(clippy::inline_always)]
 
 use crate::frame::{CellPoint, Element, Vec3};
-use crate::lanes::Number;
+use crate::simd::Number;
 
 /// Normals of the tet's faces, times the root of 3.
 const FACES: [[f64; 3]; 4] = [

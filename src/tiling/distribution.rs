@@ -4,7 +4,7 @@
 //! in space, where they are smooth whatever the elements are.
 
 use super::TilingError;
-use super::control::ControlLattice;
+use super::control_lattice::ControlLattice;
 use super::corners::Corners;
 use crate::field::Interval;
 use crate::frame::{Aabb, CellBox, CellPoint, Element, Vec3, WorldPoint};

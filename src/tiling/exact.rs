@@ -1,6 +1,6 @@
 //! Rule R: closest zero points in cells, on faces and on edges.
 
-use super::near::Local;
+use super::locality::Local;
 use super::patch::{Patch, Spot};
 use super::{Filling, TiledSolid};
 use crate::frame::{CellPoint, Element, Mat3, Vec3};

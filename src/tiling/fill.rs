@@ -1,10 +1,10 @@
 //! The tiling's values in bulk: what can be decided for small boxes is not asked of samples.
 
-use super::batch::{Batch, Target};
+use super::affine::{CROWD, Straight, Wanted};
 use super::boundary::Known;
-use super::near::{Local, Near};
-use super::nodes::Nodes;
-use super::straight::{CROWD, Straight, Wanted};
+use super::curved::{Batch, Target};
+use super::interpolated::Nodes;
+use super::locality::{Local, Near};
 use super::{Distance, Filling, TiledSolid};
 use crate::field::{Field, Interval, LeafBits, Leaves, Point, SampleLattice, enter_signs};
 use crate::frame::{Aabb, Vec3, WorldPoint};

@@ -1,10 +1,10 @@
 //! One element of the scaffold with the cell in it: inverse map, slopes, distance to its faces.
 
 use super::Filling;
-use super::place::Curve;
-use super::trail::Trail;
-use super::walk::{self, Leg, Pace, Walkers};
-use super::walls::Walls;
+use super::boundary_distance::Walls;
+use super::inverse_map::Curve;
+use super::local_map::Trail;
+use super::newton_distance::{self, Leg, Pace, Walkers};
 use crate::frame::{CellPoint, Element, Mat3, Vec3};
 use crate::scaffold::Scaffold;
 use std::sync::OnceLock;
@@ -321,7 +321,7 @@ impl Patch {
     pub fn set_off(&self, scaffold: &Scaffold, pace: Pace, walkers: Walkers, legs: &mut [Leg]) {
         let curve = self.curve(scaffold);
         if self.is_affine() || curve.is_some() {
-            return walk::set_off(pace, curve, walkers, legs);
+            return newton_distance::set_off(pace, curve, walkers, legs);
         }
         let Walkers {
             x,
@@ -335,7 +335,7 @@ impl Patch {
             frame,
             slopes,
         };
-        walk::set_off(pace, None, again, &mut *legs);
+        newton_distance::set_off(pace, None, again, &mut *legs);
         for (n, at) in at.iter_mut().enumerate() {
             let (leg, lane) = (&mut legs[n / 4], n % 4);
             let end = x[n] + Vec3::from_fn(|r, _| leg.way[r][lane]);

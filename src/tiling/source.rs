@@ -1,6 +1,6 @@
 //! What a tiling asks of what fills its elements: of one cell, and of fillings of several.
 
-use super::{TilingError, seam};
+use super::{TilingError, interface};
 use crate::cell::{Cell, Products, Smooth, Table};
 use crate::field::{Field, Interval};
 use crate::frame::{CellBox, CellPoint, Element, Vec3};
@@ -246,7 +246,7 @@ impl<C: CellField> Filling for C {
             return Ok(());
         }
         let value = |_: Element, xi| Field::value(self, xi);
-        seam::check(scaffold, &value, rms)
+        interface::check(scaffold, &value, rms)
     }
 
     fn value_and_gradient(&self, _: usize, xi: CellPoint<3>) -> (f64, Vec3) {

@@ -1,7 +1,7 @@
 //! Whether a level set is what it promises, in numbers.
 
+use super::components::{Pieces, Side};
 use super::index::{FACES, Holder, LeafIndex};
-use super::pieces::{Pieces, Side};
 use super::{LevelSet, Session, VdbError};
 use crate::progress::Cancelled;
 use rayon::prelude::*;

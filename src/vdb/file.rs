@@ -1,6 +1,6 @@
 //! Reading `.vdb` files: what is in them, and level sets out of them. Always whole and eager:
 //! OpenVDB's delayed loading of a damaged file crashes, hangs or eats all memory. Files of others are
-//! best looked at by a child process first, see [`isolate`](super::isolate).
+//! best looked at by a child process first, see [`subprocess`](super::subprocess).
 
 use super::foreign::GridReading;
 use super::hash::ContentHash;

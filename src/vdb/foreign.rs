@@ -4,10 +4,10 @@
 //! distances in other units than the voxels', a class that is not stated. On request a grid that is inside out is
 //! turned, and a grid whose voxels are no cubes is brought onto cubes. All else is refused with a remedy.
 
-use super::cubes::on_cubes;
-use super::mending::Mending;
 use super::refusal::{Located, Refusal, place_of, torn, value_hint};
-use super::survey::Slopes;
+use super::repair::Mending;
+use super::resample::on_cubes;
+use super::value_survey::Slopes;
 use super::{FileError, LevelSet, Session, VdbError, Volume};
 use crate::frame::Vec3;
 use std::path::Path;

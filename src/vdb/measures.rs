@@ -3,8 +3,8 @@
 //! Volume and area are OpenVDB's sums (a Dirac delta of 1.5 voxels, central differences, the divergence
 //! theorem), from the middle of the leaves instead of the origin: a part far away loses no digits.
 
+use super::components::{Pieces, Side};
 use super::index::{FACES, Holder, LeafIndex};
-use super::pieces::{Pieces, Side};
 use super::{LevelSet, Session, VdbError};
 use crate::frame::Aabb;
 use crate::progress::Cancelled;

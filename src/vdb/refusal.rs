@@ -1,6 +1,6 @@
 //! Why a grid of others is refused, and what to do.
 
-use super::torn::Tears;
+use super::torn_band::Tears;
 use super::{FileError, GridInfo, VdbError, Volume};
 use crate::frame::Vec3;
 use std::path::Path;

@@ -5,9 +5,9 @@
 //! more where it and the pixels beside it see different things.
 
 use super::camera::View;
-use super::light::{FINE, Hit, Lights, Short, develop, openness};
-use super::paint::Paint;
+use super::colormap::Paint;
 use super::samples::Samples;
+use super::shading::{FINE, Hit, Lights, Short, develop, openness};
 use super::{LevelSet, Session, VdbError, Volume, ffi};
 use crate::frame::{Aabb, Vec3, WorldPoint};
 use rayon::prelude::*;

@@ -1,6 +1,6 @@
 //! The samples of a picture: one a pixel, and further ones of the pixels in which something ends.
 
-use super::light::{FINE, Hit};
+use super::shading::{FINE, Hit};
 
 /// What rays met, or did not.
 pub(super) struct Samples {

@@ -1,10 +1,10 @@
 //! A level set divided into its connected pieces, each a level set: what is left of the band when all the
 //! others are removed.
 
-use super::bits::{self, Bits};
-use super::drop::{REMOVAL_REACH, Removal, rings};
+use super::components::{Pieces, Side};
 use super::index::LeafIndex;
-use super::pieces::{Pieces, Side};
+use super::remove_components::{REMOVAL_REACH, Removal, rings};
+use super::voxel_mask::{self, Bits};
 use super::{LevelSet, LevelSetBuilder, Session, VdbError};
 use crate::band::{BLOCK, LEAF, LeafBatch, LeafSink, Region};
 use crate::frame::Coord;
@@ -100,7 +100,7 @@ impl LevelSet {
                 Some(&n) => (edit.masks[n], &edit.values[n]),
                 None => (leaf.mask, leaf.values),
             };
-            if !bits::is_empty(&mask) {
+            if !voxel_mask::is_empty(&mask) {
                 let batch = blocks.entry(leaf.origin.aligned(BLOCK)).or_default();
                 batch.push(leaf.origin, mask, values);
             }

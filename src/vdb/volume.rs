@@ -1,9 +1,9 @@
 //! Grids of floats of any class: fog volumes, masks, fields of others.
 
-use super::cubes::on_cubes;
 use super::leaves::{Leaves, samples_of};
 use super::refusal::Located;
-use super::survey::Survey;
+use super::resample::on_cubes;
+use super::value_survey::Survey;
 use super::{FileError, GridInfo, IndexMap, LevelSet, Session, VdbError, ffi};
 use crate::frame::{Coord, Transform, Vec3, WorldPoint};
 use cxx::UniquePtr;

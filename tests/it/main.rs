@@ -32,4 +32,4 @@ mod truth;
 #[cfg(feature = "vdb")]
 mod vdb;
 #[cfg(feature = "vdb")]
-mod workshop;
+mod vdb_commands;

@@ -1,6 +1,6 @@
 //! The function of a `.cell` file: a series, or a tree of nodes over several.
 
-use super::super::pairing::{rank, symmetry_of};
+use super::super::compatibility::{rank, symmetry_of};
 use super::super::{CellError, Form, Series, lattices};
 use super::CellTextError;
 use crate::frame::Element;

@@ -2,7 +2,7 @@
 
 use super::super::domain::{Domain, Flag, SimplexGrid};
 use super::sampling::{Place, Target, places};
-use super::{FitError, FitOptions, FitReport, Hausdorff, SourceReport, pieces};
+use super::{FitError, FitOptions, FitReport, Hausdorff, SourceReport, components};
 use crate::cell::Cell;
 use crate::field::Field;
 use crate::frame::{CellPoint, Element, Mat3, Vec3};
@@ -111,7 +111,7 @@ pub(super) fn measure(
         stop()?;
         report.hausdorff = hausdorff(cell, target, domain, extra, options.band_limit);
         stop()?;
-        let c = pieces::components(cell, target, domain);
+        let c = components::components(cell, target, domain);
         if (c.source_solid, c.source_void) != (c.cell_solid, c.cell_void) {
             report.warnings.push(format!(
                 "the cell has {} pieces of solid and {} of void in an element, the source {} and {}: \

@@ -9,7 +9,7 @@
 use super::super::Constraint;
 use super::FitError;
 use super::grid::{GridSample, weighted};
-use super::on_grid::products;
+use super::grid_solver::products;
 use super::transform::{Spectrum, Transform};
 
 use crate::progress::{Cancelled, Progress};

@@ -3,11 +3,11 @@
 //! A cell for each element of a mixed mesh is fitted to the cell that the element would have by
 //! itself, all together: the sum of the mean squares of the differences, in edge lengths, is
 //! least among the functions whose traces on triangles and squares are equal and have the face's
-//! whole symmetry (see [`super::super::trace`]). Wedges and pyramids need that even among themselves,
+//! whole symmetry (see [`super::super::face_trace`]). Wedges and pyramids need that even among themselves,
 //! since their own symmetries do not make a side the same whichever way neighbours are turned.
 
 use super::super::domain::Domain;
-use super::super::{Constraint, face_normal, pairing, symmetry, trace};
+use super::super::{Constraint, compatibility, face_normal, face_trace, symmetry};
 use super::sampling::{parts, places};
 use super::solve::{NormalEquations, Sample};
 use super::{FitError, FitOptions, FitReport};
@@ -72,7 +72,7 @@ pub fn fit_matched(
         equations.push(NormalEquations::assemble(basis, &own, lambda, progress)?);
         samples.push((own, interior));
     }
-    let mut constraint = trace::equations(&bases);
+    let mut constraint = face_trace::equations(&bases);
     if options.face_normal {
         let own = bases.iter().map(|(e, b)| face_normal::equations(b, *e));
         constraint = constraint.and(&Constraint::side_by_side(&own.collect::<Vec<_>>()));
@@ -141,7 +141,10 @@ fn targets(
     basis: &Basis<3>,
     options: &FitOptions,
 ) -> (Vec<Sample<3>>, usize) {
-    let domain = Domain::new(element, &pairing::embedded(basis.group(), basis.lattice()));
+    let domain = Domain::new(
+        element,
+        &compatibility::embedded(basis.group(), basis.lattice()),
+    );
     let parts = parts(element, &domain, basis.len(), options.samples);
     let (places, interior) = places(element, &domain, parts, options.weights());
     let scale = edges_per_unit(cell).recip();

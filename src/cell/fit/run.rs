@@ -1,14 +1,16 @@
 //! One fit at one band limit: samples, coefficients, report.
 
+use super::super::compatibility;
 use super::super::domain::Domain;
-use super::super::pairing;
 use super::super::{Constraint, face_normal};
-use super::band::{self, needed_samples};
 use super::extension::Extension;
+use super::frequency_set::{self, needed_samples};
 use super::grid::grid_size;
 use super::sampling::{Images, Place, Quality, Target, parts, places, sample};
 use super::solve::{NormalEquations, Sample};
-use super::{Distance, Extra, Filter, FitError, FitOptions, Method, Symmetrise, accuracy, project};
+use super::{
+    Distance, Extra, Filter, FitError, FitOptions, Method, Symmetrise, accuracy, projection,
+};
 use crate::cell::{Cell, CellError, Form, Series, symmetry};
 use crate::frame::{CellPoint, Element, Vec3};
 use crate::progress::{Cancelled, Progress};
@@ -54,7 +56,7 @@ pub(super) struct Found {
 impl Job<'_> {
     /// Fits, and measures if the options say so.
     pub fn run(&self, name: &str) -> Result<Cell, FitError> {
-        match pairing::rank(self.element) {
+        match compatibility::rank(self.element) {
             2 => self.run_in::<2>(name),
             3 => self.run_in::<3>(name),
             _ => self.run_in::<6>(name),
@@ -74,12 +76,13 @@ impl Job<'_> {
         if self.element == Element::Ball {
             options.check_ball()?;
         }
-        let (basis, cut) = band::basis(self.element, (group, lattice), options, self.extra)?;
+        let (basis, cut) =
+            frequency_set::basis(self.element, (group, lattice), options, self.extra)?;
         let over_period = self.extra.period.is_some();
         let constraint = options
             .face_normal
             .then(|| face_normal::equations(&basis, self.element));
-        let operators = pairing::embedded(basis.group(), basis.lattice());
+        let operators = compatibility::embedded(basis.group(), basis.lattice());
         let domain = Domain::new(self.element, &operators);
         let mut target = Target {
             images: Images {
@@ -264,7 +267,8 @@ impl Job<'_> {
         let radius = Some(options.band_limit).filter(|r| r.is_finite());
         let (mut coefficients, n) = if let Some((samples, n)) = self.extra.period {
             self.progress.stage("fit: transform", None);
-            let found = project::fourier_coefficients(basis.group(), lattice, samples, n, radius);
+            let found =
+                projection::fourier_coefficients(basis.group(), lattice, samples, n, radius);
             (found, n)
         } else {
             let extension = Extension::of(
@@ -278,11 +282,12 @@ impl Job<'_> {
             let n = grid_size(wanted.max(by_band).ceil() as usize);
             let samples = self.period(target, extension, lattice, n)?;
             self.progress.stage("fit: transform", None);
-            let found = project::fourier_coefficients(basis.group(), lattice, &samples, n, radius);
+            let found =
+                projection::fourier_coefficients(basis.group(), lattice, &samples, n, radius);
             (found, n)
         };
         if options.filter == Filter::Lanczos {
-            project::lanczos(lattice, n, &mut coefficients);
+            projection::lanczos(lattice, n, &mut coefficients);
         }
         let mut real = real_coefficients(basis, coefficients);
         if self.extra.period.is_some() {

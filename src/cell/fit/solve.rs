@@ -1,7 +1,7 @@
 //! Dense least squares in the real symmetric basis: normal equations in panels, then Cholesky.
 
 use super::super::Constraint;
-use super::super::wave::Phasors;
+use super::super::trig_sum::Phasors;
 use super::FitError;
 use crate::frame::CellPoint;
 use crate::progress::{Cancelled, Progress};

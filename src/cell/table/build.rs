@@ -1,14 +1,14 @@
 //! Coefficients of a table from the spectrum of a series, and the error it makes.
 
-use super::super::form::Node;
+use super::super::compatibility::embedded;
+use super::super::expression::Node;
 use super::super::icosahedral::Products;
-use super::super::pairing::embedded;
 use super::super::{CellError, Series};
 use super::grid::{Fold, Grid};
-use super::resolve::Dropped;
+use super::resolution::Dropped;
 use super::window;
 use crate::frame::Mat3;
-use crate::lanes;
+use crate::simd;
 use rayon::prelude::*;
 use rustfft::{FftPlanner, FftPlannerScalar, num_complex::Complex64};
 use std::f64::consts::{PI, TAU};
@@ -320,7 +320,7 @@ pub(super) fn inverse_transform(grid: &mut Vec<Complex64>, mut sizes: [usize; 3]
     let mut portable = FftPlannerScalar::new();
     for _ in 0..3 {
         let [nx, ny, nz] = sizes;
-        let fft = if lanes::is_portable() {
+        let fft = if simd::is_portable() {
             portable.plan_fft_inverse(nz)
         } else {
             planner.plan_fft_inverse(nz)

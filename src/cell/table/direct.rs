@@ -7,11 +7,11 @@
 #![allow(clippy::inline_always)]
 
 use super::super::Products;
-use super::super::products::Along;
+use super::super::trig_products::Along;
 use super::spline::{GROUP, group};
 use super::{Function, Table};
 use crate::frame::CellPoint;
-use crate::lanes::{Lanes, Twice, Work};
+use crate::simd::{Lanes, Twice, Work};
 use std::f32::consts::TAU;
 
 /// Most products that are taken instead of a look-up: up to six took less time, more were not tried

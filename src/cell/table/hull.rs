@@ -11,7 +11,7 @@
 
 use super::grid::Grid;
 use super::pyramid::Range;
-use crate::lanes::{self, Lanes, Work};
+use crate::simd::{self, Lanes, Work};
 
 /// Cells that are bounded together.
 pub(super) const TOGETHER: usize = 8;
@@ -22,7 +22,7 @@ const STRIDES: [usize; 3] = [16, 4, 1];
 /// Extremes over the eight spline cells from one on, along z; from the padded coefficients. Those beyond
 /// the grid repeat its last coefficients.
 pub(super) fn hulls(coefficients: &[f32], grid: &Grid, first: [usize; 3]) -> [Range; TOGETHER] {
-    lanes::run(Hulls {
+    simd::run(Hulls {
         coefficients,
         grid,
         first,

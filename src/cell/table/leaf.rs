@@ -1,10 +1,10 @@
 //! One series of a table: its spline, its bounds, and the turns that make it symmetric.
 
 use super::build::Spectrum;
+use super::gradient_bound::{Slopes, Zero, steepest_over};
 use super::grid::Grid;
 use super::pyramid::Pyramid;
 use super::spline::{PLACING, Spline};
-use super::steepest::{Slopes, Zero, steepest_over};
 use crate::field::Interval;
 use crate::frame::{CellBox, CellPoint, Element, Mat3, Vec3};
 

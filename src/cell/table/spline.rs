@@ -11,7 +11,7 @@
 //! times twice the memory, which is what look-ups wait for.
 //!
 //! Points are placed eight at a time; the sums over rows of eight coefficients are in single precision.
-//! Written once and compiled for each kind of processor, see [`crate::lanes`]. A point gives the same bits
+//! Written once and compiled for each kind of processor, see [`crate::simd`]. A point gives the same bits
 //! alone and among others.
 
 mod place;
@@ -20,7 +20,7 @@ mod weights;
 
 use super::grid::{Fold, Grid};
 use crate::frame::CellPoint;
-use crate::lanes::{self, Plain, Work};
+use crate::simd::{self, Plain, Work};
 pub(super) use place::{PLACING, group};
 use sums::{Samples, Values};
 
@@ -133,7 +133,7 @@ impl Spline {
         if self.is_portable {
             work.run(Plain);
         } else {
-            lanes::run(work);
+            simd::run(work);
         }
     }
 
@@ -167,7 +167,7 @@ impl Spline {
 mod tests {
     use super::*;
     use crate::frame::Vec3;
-    use crate::lanes::Code;
+    use crate::simd::Code;
 
     type Wave<'a> = &'a dyn Fn([i64; 3]) -> f32;
 
@@ -213,7 +213,7 @@ mod tests {
         spline.samples_by(Plain, &all, &mut plain);
         spline.samples(&all, &mut wide);
         let mut narrow = vec![[0.0; 4]; all.len()];
-        lanes::run_by(Code::Avx2, Samples(&spline, &all, &mut narrow));
+        simd::run_by(Code::Avx2, Samples(&spline, &all, &mut narrow));
         assert_eq!(narrow, wide);
         let (mut low, mut values) = (vec![0.0; all.len()], vec![0.0; all.len()]);
         spline.values_by(Plain, &all, &mut low);
@@ -341,7 +341,7 @@ mod tests {
             for code in [Code::Portable, Code::Avx2, Code::Best] {
                 let look_up = |spline: &Spline, points: &[CellPoint<3>]| {
                     let mut out = vec![[0.0; 4]; points.len()];
-                    lanes::run_by(code, Samples(spline, points, &mut out));
+                    simd::run_by(code, Samples(spline, points, &mut out));
                     out
                 };
                 let found = look_up(&folded, &points);
@@ -409,9 +409,9 @@ mod tests {
             let spline = Spline::new(&coefficients, grid, fold);
             for code in [Code::Portable, Code::Avx2, Code::Best] {
                 let mut values = vec![0.0; all.len()];
-                lanes::run_by(code, Values(&spline, &all, &mut values));
+                simd::run_by(code, Values(&spline, &all, &mut values));
                 let mut samples = vec![[0.0; 4]; all.len()];
-                lanes::run_by(code, Samples(&spline, &all, &mut samples));
+                simd::run_by(code, Samples(&spline, &all, &mut samples));
                 for ((p, v), s) in all.iter().zip(values).zip(samples) {
                     // A point that is none has no value, or one of the table's.
                     assert!(v.is_nan() || v.abs() <= 1.001 * bound, "{fold:?} {p:?} {v}");

@@ -9,15 +9,15 @@
 
 use super::super::{Answer, Failure, Session};
 use super::{Parameters, Source};
-use desk::{Desk, Refused};
 use serde_json::json;
+use state::{Desk, Refused};
 use std::io::{Read, Write};
 use std::time::Duration;
 use tiny_http::{Header, Method, Request, Response, Server};
 
-mod desk;
-mod fence;
+mod sandbox;
 mod scene;
+mod state;
 
 /// Most bytes of a step.
 const MOST: u64 = 1 << 16;
@@ -38,7 +38,7 @@ type Reply = (u16, &'static str, Vec<u8>);
 
 /// Serves the page until it or a signal says stop.
 pub(super) fn serve(p: &Parameters, source: &Source, session: &Session) -> Result<Answer, Failure> {
-    let fence = fence::Fence::new(&source.directory);
+    let fence = sandbox::Fence::new(&source.directory);
     let mut desk = Desk::open(source, &fence, session)?;
     fence.close();
     let failed = |e: &dyn std::fmt::Display| {
@@ -121,7 +121,7 @@ fn answer(request: &mut Request, port: u16, token: &str, desk: &mut Desk) -> (Re
         (Method::Get, "page.js") => (200, "text/javascript; charset=utf-8", SCRIPT.into()),
         (Method::Get, "drawing.js") => (200, "text/javascript; charset=utf-8", DRAWING.into()),
         (Method::Get, "twgl.js") => (200, "text/javascript; charset=utf-8", LIBRARY.into()),
-        (Method::Get, "words") => (200, "application/json", desk::words().to_string().into()),
+        (Method::Get, "words") => (200, "application/json", state::words().to_string().into()),
         (Method::Get, "model") => model(desk),
         (Method::Post, "quit") => return (text(200, "bye"), true),
         (Method::Post, "step" | "again" | "undo" | "redo" | "save") => {

@@ -6,7 +6,7 @@
 use super::header::{Format, Header, Layer, Role, Scalar};
 use crate::frame::Vec3;
 use crate::io::number::{self, words};
-use crate::io::soup::Soup;
+use crate::io::polygons::Soup;
 use crate::io::{Place, ReadError, Source, quote};
 use crate::polymesh::Faces;
 

@@ -5,7 +5,7 @@ use super::parser::Parser;
 use super::slicer::{self, Volume};
 use super::text;
 use crate::frame::LengthUnit;
-use crate::io::unpack::Allowance;
+use crate::io::unpack_limit::Allowance;
 use crate::io::{Place, ReadError, quote};
 use quick_xml::Reader;
 use quick_xml::events::Event;

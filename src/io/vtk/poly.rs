@@ -1,8 +1,8 @@
 //! Polygonal data of both formats: points, lines, polygons and triangle strips, in this order.
 
 use crate::frame::Vec3;
+use crate::io::polygons::Soup;
 use crate::io::scaffold::{DataField, FieldAt};
-use crate::io::soup::Soup;
 use crate::io::{Place, ReadError, quote};
 use crate::polymesh::Faces;
 use std::path::Path;

@@ -7,7 +7,7 @@ use super::poly::{Polygons, SECTIONS, Section};
 use super::{Cells, VtkFile};
 use crate::io::collector::Collector;
 use crate::io::scaffold::FieldAt;
-use crate::io::unpack::Allowance;
+use crate::io::unpack_limit::Allowance;
 use crate::io::{Place, ReadError, Source, quote};
 use data::{Appended, Format};
 use quick_xml::Reader;

@@ -4,12 +4,12 @@ use super::super::error::RunError;
 use super::super::estimate::{
     self, Counts, LEAF_BYTES, PER_FEWER, PER_MOVED, copies, numbers_at_vertices,
 };
+use super::super::inputs::Stock;
 use super::super::memory;
-use super::super::stock::Stock;
 use super::super::thickness::{HALO, LAST};
 use super::super::voxels::Voxels;
+use super::halo::{coarser_copies, passes, removal_halo, resamplings, wants_segments, widest};
 use super::meshes::UNTANGLED;
-use super::reach::{coarser_copies, passes, removal_halo, resamplings, wants_segments, widest};
 use super::volumes::attribute_words;
 use crate::band::{BLOCK, LEAF};
 use crate::progress::Threads;

@@ -1,8 +1,8 @@
 //! A run shared by several machines: a plan as a file, bricks one by one, a merge.
 
 use super::super::error::RunError;
+use super::super::inputs::Stock;
 use super::super::report::Report;
-use super::super::stock::Stock;
 use super::super::{Clock, RunOptions, conclude, targets, threads};
 use super::budget::{brick_bytes, check_disks};
 use super::directory::{clear, existing, is_derived, size_of};

@@ -2,7 +2,7 @@
 //! keeps the triangles that are its own.
 
 use super::super::error::RunError;
-use super::later::part;
+use super::assemble::part;
 use super::meshes::Meshes;
 use super::solid::StoredSolid;
 use super::{Quiet, Yard};

@@ -2,19 +2,19 @@
 
 use super::super::error::RunError;
 use super::super::estimate::Counts;
-use super::super::operate::Bench;
+use super::super::field_ops::{operation_shape, shape};
+use super::super::inputs::Stock;
+use super::super::level_set_ops::Bench;
 use super::super::report::Input;
-use super::super::shape::{operation_shape, shape};
-use super::super::stock::Stock;
 use super::super::voxels::Voxels;
 use super::budget::{leaf_bytes, needs};
-use super::reach::{Pass, before_resampling, passes, reach};
+use super::halo::{Pass, before_resampling, passes, reach};
 use super::solid::Bricks;
 use super::{Layout, voxels};
 use crate::band::{BLOCK, Region};
 use crate::frame::{Aabb, Coord};
-use crate::lanes;
 use crate::progress::{Progress, Threads};
+use crate::simd;
 use crate::vdb::LevelSet;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
@@ -131,7 +131,7 @@ impl BrickPlan {
                 None => format!("the input of {} is gone", input.key),
             });
         }
-        if self.portable != lanes::gives_portable_bits() {
+        if self.portable != simd::gives_portable_bits() {
             let words = if self.portable {
                 "the plan is for the bits of any processor (--portable), this is not"
             } else {
@@ -192,7 +192,7 @@ pub(in super::super) fn layout(
         inputs: planned(&report.inputs),
         voxel_size,
         half_width,
-        portable: lanes::gives_portable_bits(),
+        portable: simd::gives_portable_bits(),
         edge: layout.edge,
         halo: layout.halo as u32,
         bricks: bricks.origins().map(|b| b.0).collect(),

@@ -1,6 +1,6 @@
 //! What a run in bricks cannot make: outputs that are whole in memory; and from what it cannot.
 
-use super::super::stock::Stock;
+use super::super::inputs::Stock;
 use crate::frame::Vec3;
 use crate::recipe::OutputKind;
 

@@ -3,9 +3,9 @@
 
 use super::super::error::RunError;
 use super::super::voxels::Resampling;
-use super::later::part;
+use super::assemble::part;
+use super::halo::{Pass, reach};
 use super::plan::operand_regions;
-use super::reach::{Pass, reach};
 use super::solid::{Bricks, StoredSolid};
 use super::{Quiet, Yard, hand_over};
 use crate::band::{BLOCK, Band, LEAF, Leaf, LeafMap, LeafSink, Region};

@@ -1,8 +1,8 @@
 //! The pieces of a solid in bricks, each a solid of its own.
 
 use super::super::error::RunError;
-use super::later::part;
-use super::reach::{coarser_copies, removal_halo};
+use super::assemble::part;
+use super::halo::{coarser_copies, removal_halo};
 use super::solid::{Bricks, StoredSolid};
 use super::{Quiet, Yard, crop_those};
 use crate::band::{BLOCK, Region};

@@ -1,6 +1,6 @@
 //! A solid on the disk: its leaves, and the bricks that they are kept in.
 
-use super::super::operate::Bench;
+use super::super::level_set_ops::Bench;
 use super::super::voxels::Voxels;
 use super::Yard;
 use super::plan::BrickPlan;

@@ -1,9 +1,9 @@
 //! The thickness of a solid in bricks: measured brick by brick, each with the surface around it.
 
 use super::super::error::RunError;
+use super::super::least_wall::{SurfacePoint, points};
 use super::super::thickness::{Lattice, Measured, Surface, Thickness};
-use super::super::wall::{SurfacePoint, points};
-use super::later::part;
+use super::assemble::part;
 use super::solid::StoredSolid;
 use super::{Quiet, Yard};
 use crate::band::{BLOCK, LEAF, Region};

@@ -6,7 +6,7 @@ use super::super::output;
 use super::super::report::OutputFile;
 use super::super::thickness::Thickness;
 use super::Yard;
-use super::reach::{coarser_copies, wants_segments};
+use super::halo::{coarser_copies, wants_segments};
 use super::solid::{Bricks, StoredSolid};
 use crate::band::{NumberStore, StoreError};
 use crate::frame::Aabb;

@@ -3,7 +3,7 @@
 use super::child::{self, Task};
 use super::figure::Found;
 use crate::Setting;
-use druse::lanes::Code;
+use druse::simd::Code;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};

@@ -2,7 +2,7 @@
 
 use super::clock::{Spread, in_turn};
 use super::{w1, w2};
-use druse::lanes::{Code, use_code};
+use druse::simd::{Code, use_code};
 use std::path::Path;
 use std::process::Command;
 

@@ -11,9 +11,9 @@ use druse::band::{Band, BandStats, LeafSink};
 use druse::cell::{Surface, Table};
 use druse::field::WorldField;
 use druse::frame::{Aabb, Element, Transform, Vec3};
-use druse::lanes::Code;
 use druse::progress::{Silent, Threads};
 use druse::scaffold::{Kind, Scaffold};
+use druse::simd::Code;
 use druse::tiling::{Boundary, Distance, TiledSolid, TilingOptions};
 use std::hint::black_box;
 

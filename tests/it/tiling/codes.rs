@@ -5,8 +5,8 @@ use crate::strategy;
 use druse::cell::{Cell, Solid, Surface, Table};
 use druse::field::{Field, SampleLattice};
 use druse::frame::{Element, Vec3, WorldPoint};
-use druse::lanes::{Code, use_code};
 use druse::scaffold::{Kind, Scaffold};
+use druse::simd::{Code, use_code};
 use druse::tiling::TiledSolid;
 
 /// Distances of a cell over a scaffold, at leaves in and around it and at a lattice of no leaves.

@@ -6,9 +6,9 @@ use crate::strategy::Noise;
 use druse::cell::{FitOptions, Solid, Surface, Table, fit_samples};
 use druse::field::{Field, SampleLattice};
 use druse::frame::{Element, Vec3, WorldPoint};
-use druse::lanes::{Code, use_code};
 use druse::progress::Silent;
 use druse::scaffold::{Kind, Scaffold};
+use druse::simd::{Code, use_code};
 use druse::tiling::{
     Blend, Boundary, Distance, Filling, Interpolation, Member, TiledSolid, TilingOptions, Visits,
 };

@@ -4,7 +4,7 @@ use super::{Stop, THREADS, cube, level_set, session, sphere, sphere_at, union};
 use druse::field::BoxSolid;
 use druse::frame::{Aabb, Coord, LengthUnit, Vec3};
 use druse::progress::Threads;
-use druse::vdb::isolate::{Limits, inspect, report};
+use druse::vdb::subprocess::{Limits, inspect, report};
 use druse::vdb::{self, Compression, FileError, LevelSet, Session, VdbWriter, Written};
 use std::path::{Path, PathBuf};
 use std::process::Command;

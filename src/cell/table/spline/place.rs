@@ -7,7 +7,7 @@
 
 use super::{GROUP, Spline};
 use crate::frame::CellPoint;
-use crate::lanes::{Lanes, Twice};
+use crate::simd::{Lanes, Twice};
 
 /// The first of the two axes that each step puts in order.
 const STEPS: [usize; 3] = [0, 1, 0];

@@ -10,7 +10,7 @@ use super::place::{Places, group};
 use super::weights::{CUBIC, SLOPES, Weights};
 use super::{GROUP, HALF, Spline};
 use crate::frame::CellPoint;
-use crate::lanes::{Lanes, Work};
+use crate::simd::{Lanes, Work};
 
 /// Groups of points that are placed before their sums are taken: the fewest that are left in memory. Room
 /// for more would take longer to clear, when few points are asked for, than it gains when many are.

@@ -3,7 +3,7 @@
 #![allow(clippy::inline_always)]
 
 use super::GROUP;
-use crate::lanes::{Lanes, Twice};
+use crate::simd::{Lanes, Twice};
 
 /// Coefficients of the four cubic weights by powers of the place in the cell.
 pub(super) const CUBIC: [[f32; 4]; 4] = [

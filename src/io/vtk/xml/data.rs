@@ -5,7 +5,7 @@
 
 use super::super::array::Scalar;
 use crate::io::quote;
-use crate::io::unpack::Allowance;
+use crate::io::unpack_limit::Allowance;
 use flate2::read::ZlibDecoder;
 use std::io::Read;
 

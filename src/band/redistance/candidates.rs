@@ -1,0 +1,278 @@
+//! Lists of points, and which of them may be nearest to a voxel of a cube.
+//!
+//! With q the point nearest to the cube's middle, seen from there, p is nearer than q to a voxel v only if
+//!
+//! `|p|^2 - |q|^2 < 2 v (p - q)`,
+//!
+//! of which the right side is at most twice half the cube's edge times the sum of |p - q| along the axes.
+//! On a smooth surface that leaves points about q, however far away the cube is.
+// Small functions of hot paths, which must be compiled for the processor that their caller is for;
+// arithmetic on lanes stands in no closure, which would not be.
+#![allow(clippy::inline_always)]
+
+use crate::simd::{Lanes, Work, run};
+
+/// Room for rounding, voxels and their squares.
+const SLACK: f32 = 1e-3;
+/// Places of eight points.
+const EACH: [f32; 8] = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0];
+
+/// Coordinates of points.
+pub(super) type Places<'a> = [&'a [f32]; 3];
+
+/// A cube of voxels.
+#[derive(Clone, Copy)]
+pub(super) struct Cube {
+    /// Its middle.
+    pub centre: [f32; 3],
+    /// From there to its outermost voxels along an axis.
+    pub half: f32,
+}
+
+impl Cube {
+    /// Of so many voxels along its edge, from the least one.
+    pub fn new(first: [usize; 3], edge: usize) -> Self {
+        let half = (edge - 1) as f32 / 2.0;
+        Self {
+            centre: first.map(|c| c as f32 + half),
+            half,
+        }
+    }
+
+    /// The same as seen from somewhere else.
+    pub fn seen_from(self, [x, y, z]: [f32; 3]) -> Self {
+        let [a, b, c] = self.centre;
+        Self {
+            centre: [a - x, b - y, c - z],
+            ..self
+        }
+    }
+}
+
+/// The nearest point to the middle of a cube, and the square of its distance.
+#[derive(Clone, Copy)]
+pub(super) struct Middle {
+    pub at: [f32; 3],
+    pub square: f32,
+}
+
+impl Middle {
+    pub const NONE: Self = Self {
+        at: [0.0; 3],
+        square: f32::INFINITY,
+    };
+
+    /// The same as seen from somewhere else.
+    pub fn seen_from(self, [x, y, z]: [f32; 3]) -> Self {
+        let [a, b, c] = self.at;
+        Self {
+            at: [a - x, b - y, c - z],
+            ..self
+        }
+    }
+
+    /// That of some points.
+    #[inline(always)]
+    pub fn of<L: Lanes>(l: L, at: Places, cube: Cube) -> Self {
+        let [a, b, c] = cube.centre;
+        let centre = [l.splat(a), l.splat(b), l.splat(c)];
+        let [(xs, x), (ys, y), (zs, z)] = at.map(|at| at.as_chunks::<8>());
+        let (mut least, mut place) = (l.splat(f32::INFINITY), l.splat(0.0));
+        let (mut here, eight) = (l.load(&EACH), l.splat(8.0));
+        for ((x, y), z) in xs.iter().zip(ys).zip(zs) {
+            let square = squares(l, [x, y, z], centre);
+            place = l.select_below(square, least, here, place);
+            least = l.min(square, least);
+            here = l.add(here, eight);
+        }
+        let (mut row, mut places) = ([0.0; 8], [0.0; 8]);
+        l.store(least, &mut row);
+        l.store(place, &mut places);
+        let (mut least, mut place) = (f32::INFINITY, 0);
+        for n in 0..8 {
+            if row[n] < least {
+                (least, place) = (row[n], places[n] as usize);
+            }
+        }
+        for (n, ((&x, &y), &z)) in x.iter().zip(y).zip(z).enumerate() {
+            let square = square([x, y, z], cube.centre);
+            if square < least {
+                (least, place) = (square, 8 * xs.len() + n);
+            }
+        }
+        if least == f32::INFINITY {
+            return Self::NONE;
+        }
+        Self {
+            at: [at[0][place], at[1][place], at[2][place]],
+            square: least,
+        }
+    }
+}
+
+/// What may be nearest to a voxel of a cube, and no further away than points matter.
+#[derive(Clone, Copy)]
+pub(super) struct Reach {
+    pub cube: Cube,
+    pub middle: Middle,
+    /// Farthest that a point can matter to a voxel.
+    pub most: f32,
+}
+
+impl Reach {
+    /// The square of how far from the middle a point can matter.
+    #[inline(always)]
+    fn far(&self) -> f32 {
+        let far = self.most + 1.7321 * self.cube.half + SLACK;
+        far * far
+    }
+
+    /// A bit for each of eight points that may be.
+    #[inline(always)]
+    pub fn holds<L: Lanes>(&self, l: L, [x, y, z]: [&[f32; 8]; 3]) -> u8 {
+        let ([a, b, c], [p, q, r]) = (self.cube.centre, self.middle.at);
+        let square = squares(l, [x, y, z], [l.splat(a), l.splat(b), l.splat(c)]);
+        let x = l.magnitude(l.sub(l.load(x), l.splat(p)));
+        let y = l.magnitude(l.sub(l.load(y), l.splat(q)));
+        let z = l.magnitude(l.sub(l.load(z), l.splat(r)));
+        let along = l.add(l.add(x, y), z);
+        let edge = l.splat(2.0 * self.cube.half);
+        let limit = l.fused(edge, along, l.splat(self.middle.square + SLACK));
+        l.below(square, l.min(limit, l.splat(self.far())))
+    }
+
+    /// Whether one point may be.
+    #[inline(always)]
+    fn holds_one(&self, [x, y, z]: [f32; 3]) -> bool {
+        let [p, q, r] = self.middle.at;
+        let along = (x - p).abs() + (y - q).abs() + (z - r).abs();
+        let limit = self.middle.square + SLACK + 2.0 * self.cube.half * along;
+        square([x, y, z], self.cube.centre) < limit.min(self.far())
+    }
+}
+
+/// Points, by coordinates from a leaf's least voxel on, with their numbers.
+#[derive(Default)]
+pub(super) struct List {
+    pub at: [Vec<f32>; 3],
+    pub of: Vec<u32>,
+    /// Which points of another list are taken.
+    taken: Vec<u32>,
+}
+
+impl List {
+    pub fn clear(&mut self) {
+        self.of.clear();
+        for at in &mut self.at {
+            at.clear();
+        }
+    }
+
+    pub fn places(&self) -> Places<'_> {
+        let [x, y, z] = &self.at;
+        [x, y, z]
+    }
+
+    /// Adds those of points that a reach holds, which are so far away from where they say, and whose first
+    /// has this number.
+    pub fn add(&mut self, at: Places, reach: Reach, away: [f32; 3], first: u32) {
+        let count = self.take(at, reach);
+        let taken = &self.taken[..count];
+        for ((to, from), away) in self.at.iter_mut().zip(at).zip(away) {
+            to.extend(taken.iter().map(|&n| from[n as usize] + away));
+        }
+        self.of.extend(taken.iter().map(|n| first + n));
+    }
+
+    /// Takes over what of a list may be nearest to a voxel of a cube, and at most `most` from it; filled up
+    /// to whole eights with points that are nearest to nothing.
+    pub fn narrow(&mut self, wide: &Self, cube: Cube, most: f32) {
+        let at = wide.places();
+        let middle = run(Nearest { at, cube });
+        self.clear();
+        let reach = Reach { cube, middle, most };
+        let count = self.take(at, reach);
+        let taken = &self.taken[..count];
+        for (to, from) in self.at.iter_mut().zip(at) {
+            to.extend(taken.iter().map(|&n| from[n as usize]));
+            to.resize(count.next_multiple_of(8), f32::INFINITY);
+        }
+        self.of.extend(taken.iter().map(|&n| wide.of[n as usize]));
+        self.of.resize(count.next_multiple_of(8), 0);
+    }
+
+    /// Notes which points a reach holds; how many they are.
+    fn take(&mut self, at: Places, reach: Reach) -> usize {
+        if self.taken.len() < at[0].len() {
+            self.taken.resize(at[0].len(), 0);
+        }
+        let taken = &mut self.taken;
+        run(Held { at, reach, taken })
+    }
+}
+
+/// Squares of the distances of eight points from a centre.
+#[inline(always)]
+fn squares<L: Lanes>(l: L, [x, y, z]: [&[f32; 8]; 3], centre: [L::F; 3]) -> L::F {
+    let x = l.sub(l.load(x), centre[0]);
+    let y = l.sub(l.load(y), centre[1]);
+    let z = l.sub(l.load(z), centre[2]);
+    l.fused(x, x, l.fused(y, y, l.mul(z, z)))
+}
+
+/// The same of one point.
+#[inline(always)]
+fn square([x, y, z]: [f32; 3], centre: [f32; 3]) -> f32 {
+    let [x, y, z] = [x - centre[0], y - centre[1], z - centre[2]];
+    x * x + y * y + z * z
+}
+
+/// The nearest of points to the middle of a cube.
+pub(super) struct Nearest<'a> {
+    pub at: Places<'a>,
+    pub cube: Cube,
+}
+
+impl Work for Nearest<'_> {
+    type Output = Middle;
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, l: L) -> Middle {
+        Middle::of(l, self.at, self.cube)
+    }
+}
+
+/// The points that a reach holds.
+struct Held<'a> {
+    at: Places<'a>,
+    reach: Reach,
+    taken: &'a mut [u32],
+}
+
+impl Work for Held<'_> {
+    /// How many they are.
+    type Output = usize;
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, l: L) -> usize {
+        let [(xs, x), (ys, y), (zs, z)] = self.at.map(|at| at.as_chunks::<8>());
+        let (mut first, mut count) = (0, 0);
+        for ((x, y), z) in xs.iter().zip(ys).zip(zs) {
+            let mut bits = self.reach.holds(l, [x, y, z]);
+            while bits != 0 {
+                self.taken[count] = first + bits.trailing_zeros();
+                count += 1;
+                bits &= bits - 1;
+            }
+            first += 8;
+        }
+        for ((&x, &y), &z) in x.iter().zip(y).zip(z) {
+            if self.reach.holds_one([x, y, z]) {
+                self.taken[count] = first;
+                count += 1;
+            }
+            first += 1;
+        }
+        count
+    }
+}

@@ -1,0 +1,238 @@
+//! Points of the surface on the edges of the voxel lattice.
+// Must be compiled for the processor that its caller is for.
+#![allow(clippy::inline_always)]
+
+use super::super::smooth::LeafRef;
+use super::block::{ACROSS, LEAST_SPREAD, MOST_BEND};
+use crate::frame::{Coord, Mat3, Vec3};
+use crate::simd::{Lanes, Work, run};
+use std::ops::Range;
+
+/// A leaf with one layer of voxels before it and two behind it.
+const EDGE: usize = 11;
+/// Strides along x, y, z.
+const STRIDES: [usize; 3] = [EDGE * EDGE, EDGE, 1];
+/// Second differences from which values are taken for those about a kink, voxels.
+const KINK: f32 = 0.5;
+/// Steps of the secant method along an edge.
+const STEPS: usize = 3;
+
+/// Steps to the leaves along an axis, in voxels, and which voxels are taken from there.
+const PARTS: [(i32, Range<i32>); 3] = [(-8, -1..0), (0, 0..8), (8, 8..10)];
+
+/// Where a leaf keeps a voxel.
+fn offset([x, y, z]: [i32; 3]) -> usize {
+    (x << 6 | y << 3 | z) as usize
+}
+
+/// A point of the surface; lengths in voxels.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Point {
+    /// From its leaf's least voxel on.
+    pub at: [f32; 3],
+    /// Outwards.
+    pub normal: [f32; 3],
+    /// Second derivatives of the distance: x x, y y, z z, x y, y z, z x.
+    pub bend: [f32; 6],
+    /// The number of the wedge that it lies on, or [`NO_WEDGE`].
+    pub wedge: u32,
+}
+
+impl Point {
+    /// The unsigned distance, in voxels, of a place that lies `away` from this point, the nearest one, and
+    /// the unit vector away from the surface. The same rule as for the voxels of a leaf.
+    pub fn distance(&self, away: Vec3) -> (f64, Vec3) {
+        let normal = Vec3::from(self.normal.map(f64::from));
+        let [xx, yy, zz, xy, yz, zx] = self.bend.map(f64::from);
+        let hessian = Mat3::new(xx, xy, zx, xy, yy, yz, zx, yz, zz);
+        let height = away.dot(&normal);
+        let tangential = away - normal * height;
+        let across = tangential.norm_squared();
+        let bent = tangential.dot(&(hessian * tangential));
+        let curvature = if across > 1e-12 { bent / across } else { 0.0 };
+        let spread = (1.0 + height * curvature).max(f64::from(LEAST_SPREAD));
+        let more = (0.5 * bent / spread).clamp(-f64::from(MOST_BEND), 1.0);
+        let straight = away.norm();
+        let size = (height + more).abs().min(straight);
+        let edge = (across.sqrt() / f64::from(ACROSS) - 1.0).clamp(0.0, 1.0);
+        let side = 1f64.copysign(height + more);
+        let smooth = (normal + hessian * tangential / spread)
+            .try_normalize(1e-9)
+            .unwrap_or(normal);
+        let apart = away.try_normalize(1e-9).unwrap_or(smooth * side);
+        let direction = smooth * (side * (1.0 - edge)) + apart * edge;
+        let direction = direction.try_normalize(1e-9).unwrap_or(apart);
+        (size + edge * (straight - size), direction)
+    }
+}
+
+/// A point that lies on no sharp edge.
+pub(super) const NO_WEDGE: u32 = u32::MAX;
+
+/// The voxels of a leaf and those about it.
+pub(super) struct Stencils {
+    values: Box<[f32; EDGE * EDGE * EDGE]>,
+    /// From here on values say no more than that they are far.
+    far: f32,
+}
+
+impl Default for Stencils {
+    fn default() -> Self {
+        Self {
+            values: Box::new([0.0; EDGE * EDGE * EDGE]),
+            far: 0.0,
+        }
+    }
+}
+
+/// A bit for each negative value of the nine along z from a leaf's first on, `[x][y]`.
+struct Negative<'a>(&'a [f32; EDGE * EDGE * EDGE]);
+
+impl Work for Negative<'_> {
+    type Output = [[u16; 9]; 9];
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, l: L) -> Self::Output {
+        let zero = l.splat(0.0);
+        let mut all = [[0; 9]; 9];
+        for x in 0..9 {
+            for y in 0..9 {
+                let from = (x + 1) * STRIDES[0] + (y + 1) * STRIDES[1] + 1;
+                if let Some(row) = self.0[from..].first_chunk() {
+                    let last = u16::from(self.0[from + 8] < 0.0);
+                    all[x][y] = u16::from(l.below(l.load(row), zero)) | last << 8;
+                }
+            }
+        }
+        all
+    }
+}
+
+impl Stencils {
+    /// Takes the voxels of a leaf and of those about it. What is beyond the leaves has the sign of the
+    /// leaf's voxel nearest to it.
+    pub fn gather<'a>(
+        &mut self,
+        leaf: &LeafRef<'a>,
+        values: impl Fn(Coord) -> Option<&'a [f32]>,
+        voxel_size: f32,
+        background: f32,
+    ) {
+        let per_voxel = 1.0 / voxel_size;
+        self.far = background * per_voxel * (1.0 - 1e-4);
+        for (dx, xs) in PARTS {
+            for (dy, ys) in PARTS {
+                for (dz, zs) in PARTS {
+                    let other = match [dx, dy, dz] {
+                        [0, 0, 0] => Some(leaf.values),
+                        step => values(leaf.origin.offset(step[0], step[1], step[2])),
+                    };
+                    for (x, y) in xs.clone().flat_map(|x| ys.clone().map(move |y| (x, y))) {
+                        let to = ((x + 1) * EDGE as i32 + y + 1) * EDGE as i32 + 1;
+                        for z in zs.clone() {
+                            self.values[(to + z) as usize] = if let Some(other) = other {
+                                other[offset([x - dx, y - dy, z - dz])] * per_voxel
+                            } else {
+                                let nearest = leaf.values[offset([x, y, z].map(|c| c.clamp(0, 7)))];
+                                (background * per_voxel).copysign(nearest)
+                            };
+                        }
+                    }
+                }
+            }
+        }
+    }
+
+    /// The points on edges that begin in the leaf, in the order of its voxels.
+    pub fn points(&self) -> Vec<Point> {
+        let mut points = Vec::new();
+        let negative = run(Negative(&self.values));
+        for (x, y) in (0..8).flat_map(|x| (0..8).map(move |y| (x, y))) {
+            let own = negative[x][y];
+            let changes = [negative[x + 1][y], negative[x][y + 1], own >> 1].map(|o| own ^ o);
+            let mut left = (changes[0] | changes[1] | changes[2]) & 0xff;
+            while left != 0 {
+                let z = left.trailing_zeros() as usize;
+                left &= left - 1;
+                let at = (x + 1) * STRIDES[0] + (y + 1) * STRIDES[1] + z + 1;
+                for axis in (0..3).filter(|&a| changes[a] >> z & 1 == 1) {
+                    points.push(self.point([x, y, z], at, axis));
+                }
+            }
+        }
+        points
+    }
+
+    /// The point on the edge along `axis` that begins at a voxel.
+    fn point(&self, place: [usize; 3], at: usize, axis: usize) -> Point {
+        let share = self.crossing(at, STRIDES[axis]);
+        let mix = |f: &dyn Fn(usize) -> f32| {
+            let (a, b) = (f(at), f(at + STRIDES[axis]));
+            a + (b - a) * share
+        };
+        let v = &self.values;
+        let slope = |along: usize| {
+            let s = STRIDES[along];
+            mix(&|n| 0.5 * (v[n + s] - v[n - s]))
+        };
+        let twice = |along: usize| {
+            let s = STRIDES[along];
+            mix(&|n| v[n + s] - 2.0 * v[n] + v[n - s])
+        };
+        let mixed = |one: usize, other: usize| {
+            let (s, t) = (STRIDES[one], STRIDES[other]);
+            mix(&|n| 0.25 * (v[n + s + t] - v[n + s - t] - v[n - s + t] + v[n - s - t]))
+        };
+        let along = v[at + STRIDES[axis]] - v[at];
+        let mut gradient = [slope(0), slope(1), slope(2)];
+        gradient[axis] = along;
+        let mut size = length(gradient);
+        if size < 0.1 {
+            gradient = [0.0; 3];
+            gradient[axis] = along.signum();
+            size = 1.0;
+        }
+        let mut point = Point {
+            at: place.map(|c| c as f32),
+            normal: gradient.map(|c| c / size),
+            bend: [
+                twice(0),
+                twice(1),
+                twice(2),
+                mixed(0, 1),
+                mixed(1, 2),
+                mixed(2, 0),
+            ]
+            .map(|c| c / size),
+            wedge: NO_WEDGE,
+        };
+        point.at[axis] += share;
+        point
+    }
+
+    /// How far along an edge the surface crosses it: where the cubic through four values vanishes, or on a
+    /// straight line where those are not all known, or on either side of a kink.
+    fn crossing(&self, at: usize, stride: usize) -> f32 {
+        let v = &self.values;
+        let [before, first, last, behind] =
+            [v[at - stride], v[at], v[at + stride], v[at + 2 * stride]];
+        let straight = first / (first - last);
+        let bends = [before - 2.0 * first + last, first - 2.0 * last + behind];
+        let known = before.abs().max(behind.abs()) < self.far;
+        if !known || bends[0].abs().max(bends[1].abs()) > KINK {
+            return straight;
+        }
+        // Newton's form: the straight line, and what bends it.
+        let [p, q] = [bends[0] / 2.0, (bends[1] - bends[0]) / 6.0];
+        let mut share = straight;
+        for _ in 0..STEPS {
+            let bend = share * (share - 1.0) * (p + q * (share + 1.0));
+            share = (first + bend) / (first - last);
+        }
+        share.clamp(0.0, 1.0)
+    }
+}
+
+fn length(v: [f32; 3]) -> f32 {
+    (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt()
+}

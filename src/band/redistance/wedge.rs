@@ -1,0 +1,435 @@
+//! Sharp edges and corners: points of the surface that know the planes which meet there.
+//!
+//! The nearest point on an edge of the voxel lattice lies up to a voxel beside a sharp edge of the surface, and
+//! differences of values across the edge say nothing of its sides. So such a point takes its planes from points
+//! up to [`WINDOW`] voxels away whose differences do not reach across the edge. Two or three planes, all convex
+//! or all concave, have a distance in closed form. Where the points around show anything else (a round edge, a
+//! thin wall, a saddle), the point stays as it is.
+
+use super::super::smooth::LeafRef;
+use super::surface_points::Point;
+use crate::frame::{Coord, Vec3};
+
+/// Farthest that planes are looked for, voxels along each axis.
+const WINDOW: f32 = 3.0;
+/// Voxels that are read beyond each face of a leaf: the window, and one for differences.
+const PAD: i32 = 4;
+const EDGE: usize = 17;
+const STRIDES: [usize; 3] = [EDGE * EDGE, EDGE, 1];
+/// Second differences of a point on or beside an edge are at least this, voxels.
+const MIN_BEND: f32 = 0.15;
+/// The norm of the second differences of voxels that define planes is at most this, voxels: those of a surface
+/// of a radius of 40 voxels.
+const MAX_PLANE_BEND: f32 = 0.025;
+/// Farthest that voxels which define planes lie from the surface, voxels.
+const MAX_DISTANCE: f32 = 1.2;
+/// Farthest that such points lie from their plane, voxels.
+const MAX_RESIDUAL: f32 = 0.05;
+/// Cosine between normals of one plane, at least.
+const SAME_PLANE: f32 = 0.96;
+/// Cosine between normals of two planes, at most: 32 degrees; and at least, since opposite walls have no edge.
+const OTHER_PLANE: [f32; 2] = [-0.93, 0.85];
+/// Farthest that a point lies from the surface of its wedge, voxels: where it crosses an edge of the lattice is
+/// found from distances to another plane.
+const MAX_OFF: f32 = 0.5;
+/// Voxels about a point whose values are compared with those of its wedge, and how far these may be off, voxels.
+const CHECKED: f32 = 1.5;
+const MAX_ERROR: f32 = 0.1;
+/// Farthest that a point lies from the edge or corner, voxels.
+const MAX_OFFSET: f32 = 12.0;
+
+type Vector = [f32; 3];
+
+/// Planes that meet at an edge or a corner, all convex or all concave.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Wedge {
+    /// Normals; those of a concave wedge point inwards.
+    normals: [Vector; 3],
+    /// What has product 1 with one normal and 0 with the others; of a corner.
+    dual: Option<[Vector; 3]>,
+    /// 1 where the solid is convex, else -1.
+    sign: f32,
+    /// From the edge's nearest point, or the corner, to the surface point that owns this.
+    offset: Vector,
+}
+
+impl Wedge {
+    /// Signed distance, voxels, of a place that is so far away from the point.
+    pub fn distance(&self, away: Vector) -> f32 {
+        let y = sum(away, self.offset);
+        let heights = self.normals.map(|n| dot(n, y));
+        let of_pair = |i: usize, j: usize| {
+            let (u, v) = (heights[i], heights[j]);
+            let c = dot(self.normals[i], self.normals[j]);
+            let square = 1.0 - c * c;
+            let (s, t) = ((u - c * v) / square, (v - c * u) / square);
+            if s > 0.0 && t > 0.0 {
+                (u * s + v * t).max(0.0).sqrt()
+            } else {
+                u.max(v)
+            }
+        };
+        let Some(dual) = self.dual else {
+            return self.sign * of_pair(0, 1);
+        };
+        let size = if dual.iter().all(|d| dot(*d, y) > 0.0) {
+            dot(y, y).sqrt()
+        } else {
+            of_pair(0, 1).max(of_pair(1, 2)).max(of_pair(0, 2))
+        };
+        self.sign * size
+    }
+}
+
+impl Wedge {
+    /// The unsigned distance, voxels, of a place that is so far away from the point, and the unit vector away
+    /// from the surface.
+    pub fn distance_and_direction(&self, away: Vec3) -> (f64, Vec3) {
+        const STEP: f64 = 1e-2;
+        let at = |p: Vec3| f64::from(self.distance(p.map(|c| c as f32).into()));
+        let slope = |axis| {
+            let step = Vec3::ith(axis, STEP);
+            at(away + step) - at(away - step)
+        };
+        let d = at(away);
+        let slope = Vec3::new(slope(0), slope(1), slope(2)) * 1f64.copysign(d);
+        (d.abs(), slope.try_normalize(1e-9).unwrap_or(Vec3::x()))
+    }
+
+    /// Whether the values about a point are those of its wedge: inside a convex one, outside a concave one, where
+    /// also the larger or lesser of two distances is that of the planes. A round edge has others.
+    fn agrees(&self, p: Vector, v: &[f32]) -> bool {
+        let range = |c: f32| {
+            let first = (c - CHECKED).ceil() as i32;
+            first..=(c + CHECKED).floor() as i32
+        };
+        for x in range(p[0]) {
+            for y in range(p[1]) {
+                for z in range(p[2]) {
+                    let [i, j, k] = [x, y, z].map(|c| (c + PAD) as usize);
+                    let value = v[i * STRIDES[0] + j * STRIDES[1] + k];
+                    if value * self.sign > 0.0 || value.abs() > MAX_DISTANCE {
+                        continue;
+                    }
+                    let at = [x, y, z].map(|c| c as f32);
+                    if (self.distance(difference(at, p)) - value).abs() > MAX_ERROR {
+                        return false;
+                    }
+                }
+            }
+        }
+        true
+    }
+}
+
+/// A point that may define a plane.
+#[derive(Clone, Copy)]
+struct Sample {
+    at: Vector,
+    normal: Vector,
+}
+
+/// A plane through points.
+#[derive(Clone, Copy)]
+struct Plane {
+    at: Vector,
+    normal: Vector,
+}
+
+/// Gives the points of a leaf that lie at sharp edges their wedges, numbered from the end of `wedges`.
+pub(super) fn find<'a>(
+    points: &mut [Point],
+    wedges: &mut Vec<Wedge>,
+    leaf: &LeafRef<'a>,
+    values: impl Fn(Coord) -> Option<&'a [f32]>,
+    (voxel_size, background): (f32, f32),
+) {
+    if !points.iter().any(is_bent) {
+        return;
+    }
+    let all = gather(leaf, values, 1.0 / voxel_size, background);
+    // Voxels whose feet may lie in a window.
+    let mut ends = [[EDGE, 0]; 3];
+    for point in points.iter().filter(|p| is_bent(p)) {
+        for (end, c) in ends.iter_mut().zip(point.at) {
+            let at = c + PAD as f32;
+            let reach = WINDOW + MAX_DISTANCE;
+            end[0] = end[0].min((at - reach).max(1.0) as usize);
+            end[1] = end[1].max(((at + reach) as usize + 1).min(EDGE - 1));
+        }
+    }
+    let samples = samples(&all, ends);
+    for point in points.iter_mut().filter(|p| is_bent(p)) {
+        if let Some(wedge) = wedge(point.at, &samples).filter(|w| w.agrees(point.at, &all)) {
+            point.wedge = wedges.len() as u32;
+            wedges.push(wedge);
+        }
+    }
+}
+
+fn is_bent(point: &Point) -> bool {
+    point.bend.iter().any(|b| b.abs() > MIN_BEND)
+}
+
+/// The voxels of a leaf and those about it, in voxels; what no leaf holds has the sign of the leaf's nearest
+/// voxel.
+fn gather<'a>(
+    leaf: &LeafRef<'a>,
+    values: impl Fn(Coord) -> Option<&'a [f32]>,
+    per_voxel: f32,
+    background: f32,
+) -> Vec<f32> {
+    let mut all = vec![0.0; EDGE * EDGE * EDGE];
+    let parts = [(-8, -PAD..0), (0, 0..8), (8, 8..EDGE as i32 - PAD)];
+    let offset = |[x, y, z]: [i32; 3]| (x << 6 | y << 3 | z) as usize;
+    for (dx, xs) in &parts {
+        for (dy, ys) in &parts {
+            for (dz, zs) in &parts {
+                let other = match [*dx, *dy, *dz] {
+                    [0, 0, 0] => Some(leaf.values),
+                    [x, y, z] => values(leaf.origin.offset(x, y, z)),
+                };
+                for x in xs.clone() {
+                    for y in ys.clone() {
+                        for z in zs.clone() {
+                            let value = other.map_or_else(
+                                || {
+                                    let near = [x, y, z].map(|c| c.clamp(0, 7));
+                                    background.copysign(leaf.values[offset(near)])
+                                },
+                                |other| other[offset([x - dx, y - dy, z - dz])],
+                            );
+                            let to = [x, y, z].map(|c| (c + PAD) as usize);
+                            all[to[0] * STRIDES[0] + to[1] * STRIDES[1] + to[2]] =
+                                value * per_voxel;
+                        }
+                    }
+                }
+            }
+        }
+    }
+    all
+}
+
+/// Feet of the voxels in a range that lie next to the surface and whose differences reach across no edge.
+fn samples(v: &[f32], [xs, ys, zs]: [[usize; 2]; 3]) -> Vec<Sample> {
+    let mut found = Vec::new();
+    for x in xs[0]..xs[1] {
+        for y in ys[0]..ys[1] {
+            for z in zs[0]..zs[1] {
+                let at = x * STRIDES[0] + y * STRIDES[1] + z;
+                let distance = v[at];
+                if distance.abs() > MAX_DISTANCE {
+                    continue;
+                }
+                if bend_squared(v, at) > MAX_PLANE_BEND.powi(2) {
+                    continue;
+                }
+                let Some(normal) = unit(STRIDES.map(|s| 0.5 * (v[at + s] - v[at - s]))) else {
+                    continue;
+                };
+                let place = [x, y, z].map(|c| (c as i32 - PAD) as f32);
+                found.push(Sample {
+                    at: difference(place, normal.map(|n| n * distance)),
+                    normal,
+                });
+            }
+        }
+    }
+    found
+}
+
+/// The square of the norm of the second differences at a voxel: what bends along a diagonal shows in the mixed
+/// ones.
+fn bend_squared(v: &[f32], at: usize) -> f32 {
+    let pure = STRIDES.map(|s| v[at + s] - 2.0 * v[at] + v[at - s]);
+    let [x, y, z] = STRIDES;
+    let mixed = [(x, y), (y, z), (z, x)]
+        .map(|(s, t)| (v[at + s + t] - v[at + s - t] - v[at - s + t] + v[at - s - t]) / 4.0);
+    dot(pure, pure) + 2.0 * dot(mixed, mixed)
+}
+
+/// The planes that meet near a point; none where they are not two or three, or make no clear edge.
+fn wedge(p: Vector, samples: &[Sample]) -> Option<Wedge> {
+    let is_near = |s: &&Sample| (0..3).all(|a| (s.at[a] - p[a]).abs() <= WINDOW);
+    let near: Vec<Sample> = samples.iter().filter(is_near).copied().collect();
+    let farthest = |from: Vector| {
+        let cosine = |s: &Sample| dot(s.normal, from);
+        let all = near.iter();
+        all.min_by(|a, b| cosine(a).total_cmp(&cosine(b)))
+            .map(|s| s.normal)
+    };
+    let one = farthest(near.first()?.normal)?;
+    let two = farthest(one)?;
+    let is_other = |c: f32| (OTHER_PLANE[0]..=OTHER_PLANE[1]).contains(&c);
+    if !is_other(dot(one, two)) {
+        return None;
+    }
+    let nearness = |s: &Sample| dot(s.normal, one).max(dot(s.normal, two));
+    let all = near.iter();
+    let three = all
+        .min_by(|a, b| nearness(a).total_cmp(&nearness(b)))
+        .filter(|s| nearness(s) < OTHER_PLANE[1])
+        .map(|s| s.normal);
+    let (a, count_a) = plane_of(one, &near)?;
+    let (b, count_b) = plane_of(two, &near)?;
+    // Of a corner that is far off there may be too few points.
+    let third = three.and_then(|about| plane_of(about, &near));
+    let (c, count_c) = third.map_or((None, 0), |(plane, count)| (Some(plane), count));
+    if 5 * (count_a + count_b + count_c) < 4 * near.len() {
+        return None;
+    }
+    let mut sign = 0.0;
+    let pairs = [(Some(a), Some(b)), (Some(b), c), (Some(a), c)];
+    for pair in pairs {
+        let (Some(a), Some(b)) = pair else { continue };
+        if !is_other(dot(a.normal, b.normal)) {
+            return None;
+        }
+        let between = difference(b.at, a.at);
+        let ends = [dot(a.normal, between), -dot(b.normal, between)];
+        let own = match ends {
+            [u, v] if u < -MAX_RESIDUAL && v < -MAX_RESIDUAL => 1.0,
+            [u, v] if u > MAX_RESIDUAL && v > MAX_RESIDUAL => -1.0,
+            _ => return None,
+        };
+        if sign != 0.0 && sign != own {
+            return None;
+        }
+        sign = own;
+    }
+    let normals = [a, b, c.unwrap_or(a)].map(|plane| plane.normal.map(|n| n * sign));
+    let height = |n: usize, plane: Plane| dot(normals[n], difference(p, plane.at));
+    let (offset, dual) = if let Some(c) = c {
+        let dual = dual(normals)?;
+        let heights = [height(0, a), height(1, b), height(2, c)];
+        let mut offset = [0.0; 3];
+        for (d, h) in dual.iter().zip(heights) {
+            offset = sum(offset, d.map(|d| d * h));
+        }
+        (offset, Some(dual))
+    } else {
+        let (u, v) = (height(0, a), height(1, b));
+        let c = dot(normals[0], normals[1]);
+        let square = 1.0 - c * c;
+        let (s, t) = ((u - c * v) / square, (v - c * u) / square);
+        let offset = sum(normals[0].map(|n| n * s), normals[1].map(|n| n * t));
+        (offset, None)
+    };
+    let wedge = Wedge {
+        normals,
+        dual,
+        sign,
+        offset,
+    };
+    let is_on =
+        wedge.distance([0.0; 3]).abs() < MAX_OFF && dot(offset, offset) < MAX_OFFSET.powi(2);
+    is_on.then_some(wedge)
+}
+
+/// The plane of the points whose normals are about the same, and how many they are; none if they bend.
+fn plane_of(about: Vector, near: &[Sample]) -> Option<(Plane, usize)> {
+    let own = || near.iter().filter(|s| dot(s.normal, about) > SAME_PLANE);
+    let count = own().count();
+    if count < 3 {
+        return None;
+    }
+    let (mut at, mut normal) = ([0.0; 3], [0.0; 3]);
+    for s in own() {
+        at = sum(at, s.at);
+        normal = sum(normal, s.normal);
+    }
+    let at = at.map(|c| c / count as f32);
+    let normal = unit(normal)?;
+    let is_flat = |s: &Sample| dot(normal, difference(s.at, at)).abs() < MAX_RESIDUAL;
+    own().all(is_flat).then_some((Plane { at, normal }, count))
+}
+
+/// Vectors that have product 1 with one of three and 0 with the others; none if they are nearly in a plane.
+fn dual([a, b, c]: [Vector; 3]) -> Option<[Vector; 3]> {
+    let volume = dot(a, cross(b, c));
+    (volume.abs() > 0.05)
+        .then(|| [cross(b, c), cross(c, a), cross(a, b)].map(|v| v.map(|x| x / volume)))
+}
+
+fn dot(a: Vector, b: Vector) -> f32 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+fn sum(a: Vector, b: Vector) -> Vector {
+    [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
+}
+
+fn difference(a: Vector, b: Vector) -> Vector {
+    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
+}
+
+fn cross(a: Vector, b: Vector) -> Vector {
+    [
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    ]
+}
+
+fn unit(v: Vector) -> Option<Vector> {
+    let size = dot(v, v).sqrt();
+    (size > 0.9).then(|| v.map(|c| c / size))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Samples of the planes of an orthogonal corner at the origin, `count` of them, convex or concave.
+    fn corner(count: usize, sign: f32) -> Vec<Sample> {
+        let mut samples = Vec::new();
+        for axis in 0..count {
+            let mut normal = [0.0; 3];
+            normal[axis] = sign;
+            for n in 1..9 {
+                let mut at = [-0.4 - 0.3 * n as f32, -0.4 - 0.3 * (n * 5 % 8) as f32, -0.5];
+                if count == 2 {
+                    at[2] = n as f32 * 0.3 - 1.0;
+                }
+                at[axis] = 0.0;
+                samples.push(Sample { at, normal });
+            }
+        }
+        samples
+    }
+
+    #[test]
+    fn edges_and_corners_have_distances_in_closed_form() {
+        let p = [-0.5, 0.0, 0.1];
+        let at = |x: Vector| difference(x, p);
+        for sign in [1.0, -1.0] {
+            let edge = wedge(p, &corner(2, sign)).unwrap();
+            for (x, d) in [
+                ([3.0, 4.0, 1.0], 5.0),
+                ([-2.0, 1.0, 0.0], 1.0),
+                ([-2.0, -3.0, 0.0], -2.0),
+            ] {
+                assert!((edge.distance(at(x)) - sign * d).abs() < 1e-4, "{x:?}");
+            }
+        }
+        let p = [0.0, -0.4, -0.4];
+        let corner = wedge(p, &corner(3, 1.0)).unwrap();
+        let at = |x: Vector| difference(x, p);
+        assert!((corner.distance(at([2.0, 3.0, 6.0])) - 7.0).abs() < 1e-4);
+        assert!((corner.distance(at([3.0, 4.0, -1.0])) - 5.0).abs() < 1e-4);
+        assert!((corner.distance(at([-1.0, -3.0, -2.0])) + 1.0).abs() < 1e-4);
+    }
+
+    #[test]
+    fn a_round_surface_has_no_wedge() {
+        let ball = |n: usize| {
+            let (a, b) = (n as f32 * 0.35, (n * 7 % 11) as f32 * 0.25 - 1.0);
+            let normal = [a.cos() * b.cos(), a.sin() * b.cos(), b.sin()];
+            let at = normal.map(|c| 2.0 * c);
+            Sample { at, normal }
+        };
+        let samples: Vec<Sample> = (0..40).map(ball).collect();
+        assert!(wedge([2.0, 0.0, 0.0], &samples).is_none());
+    }
+}

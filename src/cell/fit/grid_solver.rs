@@ -1,0 +1,233 @@
+//! Least squares over samples on a grid of the period, for many unknowns.
+//!
+//! Sums over the grid of products of two waves are values of the transform of the weights: the normal
+//! matrix of n unknowns takes n^2 look-ups for each member of an orbit, instead of n^2 for each sample.
+
+use super::FitError;
+use super::frequency_set::needed_samples;
+use super::grid::{GridSample, grid_samples, grid_size, weighted};
+use super::iterative::conjugate_gradients;
+use super::run::{Found, Job, SAMPLES_PER_WAVE, in_space, largest};
+use super::sampling::{Place, Target};
+use super::solve::NormalEquations;
+use super::transform::{Spectrum, Transform};
+use crate::cell::Constraint;
+use crate::frame::CellPoint;
+use crate::progress::{Cancelled, Progress};
+use crate::symmetry::{Basis, Frequency, Harmonic};
+use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
+use rustfft::num_complex::Complex64;
+use std::f64::consts::SQRT_2;
+
+impl Job<'_> {
+    /// Least squares over a grid of the period: with a matrix where memory allows, else without.
+    pub(super) fn on_grid<const D: usize>(
+        &self,
+        basis: &Basis<D>,
+        target: &mut Target,
+        constraint: Option<&Constraint>,
+    ) -> Result<Found, FitError> {
+        let options = self.options;
+        let lattice = basis.lattice();
+        // As dense in the element as the wanted samples, and six samples an unknown.
+        let wanted = options.samples as f64 * lattice.volume().powf(1.0 / D as f64);
+        let share = self.element.measure() / lattice.volume() / basis.group().order() as f64;
+        let by_unknowns = (6.0 * basis.len() as f64 / share).powf(1.0 / D as f64);
+        let by_band = SAMPLES_PER_WAVE / 2.0 * needed_samples(lattice, options.band_limit) as f64;
+        let n = grid_size(wanted.max(by_unknowns).max(by_band).ceil() as usize);
+        let mut samples = grid_samples(self.element, basis.group(), lattice, n, options.weights());
+        let places: Vec<Place> = samples
+            .iter()
+            .map(|s| {
+                let point = CellPoint(in_space(&s.point.0));
+                (point, s.weight * s.places.len() as f64)
+            })
+            .collect();
+        let (values, quality) = self.values(basis, target, &places, places.len())?;
+        for (s, value) in samples.iter_mut().zip(values) {
+            s.value = value;
+        }
+        self.progress.stage("fit: least squares", None);
+        if !options.iterative(basis.len()) {
+            let equations =
+                NormalEquations::on_grid(basis, n, &samples, options.lambda(), self.progress)?;
+            return Ok(Found {
+                real: self.solved(basis, &equations, constraint)?,
+                quality,
+                solver: "dense, on a grid".to_owned(),
+            });
+        }
+        let solve = |constraint: Option<&Constraint>, kept: &[bool]| {
+            conjugate_gradients(
+                basis,
+                n,
+                &samples,
+                options.lambda(),
+                constraint,
+                kept,
+                self.progress,
+            )
+        };
+        let (mut real, mut steps) = solve(constraint, &[])?;
+        if let Some(kept) = largest(basis, &real, options.keep) {
+            let constraint = constraint.map(|c| c.masked(&kept));
+            (real, steps) = solve(constraint.as_ref(), &kept)?;
+        }
+        Ok(Found {
+            real,
+            quality,
+            solver: format!("iterative, {steps} steps"),
+        })
+    }
+}
+
+impl NormalEquations {
+    /// Those of samples on a grid of `n` points along each lattice vector, u = j/N: the same quadratic form
+    /// as the conjugate gradients have.
+    pub(super) fn on_grid<const D: usize>(
+        basis: &Basis<D>,
+        n: usize,
+        samples: &[GridSample<D>],
+        regularisation: f64,
+        progress: &dyn Progress,
+    ) -> Result<Self, FitError> {
+        let [weights, values] = weighted(n, samples);
+        let transform = Transform::new(n);
+        let right = products(basis, &transform.forward(&values));
+        let weights = Wrapped {
+            spectrum: transform.forward(&weights),
+            n: n as i32,
+        };
+        let size = basis.len();
+        let mut matrix = DMatrix::<f64>::zeros(size, size);
+        // The columns of each function, or pair of functions.
+        let mut rest = matrix.as_mut_slice();
+        let mut columns = Vec::new();
+        let mut first = 0;
+        for (number, h) in basis.harmonics().iter().enumerate() {
+            let (own, tail) = rest.split_at_mut(size * h.functions());
+            rest = tail;
+            columns.push((number, first, own));
+            first += h.functions();
+        }
+        columns.into_par_iter().for_each(|(number, first, own)| {
+            if progress.cancelled() {
+                return;
+            }
+            let right = &basis.harmonics()[number];
+            let mut row = first;
+            for left in &basis.harmonics()[number..] {
+                let block = weights.block(left, right);
+                for (b, column) in own.chunks_exact_mut(size).enumerate() {
+                    for a in 0..left.functions() {
+                        column[row + a] = block[a][b];
+                    }
+                }
+                row += left.functions();
+            }
+        });
+        if progress.cancelled() {
+            return Err(FitError::Cancelled(Cancelled));
+        }
+        for (i, f) in basis.frequencies().into_iter().enumerate() {
+            matrix[(i, i)] += regularisation * (1.0 + f * f);
+        }
+        Ok(Self::of(matrix, DVector::from_vec(right), regularisation))
+    }
+}
+
+/// The sums over the grid of values, given by their transform, times each basis function.
+pub(super) fn products<const D: usize>(basis: &Basis<D>, spectrum: &Spectrum<D>) -> Vec<f64> {
+    let mut products = Vec::with_capacity(basis.len());
+    for h in basis.harmonics() {
+        let sum: Complex64 = h.orbit.members.iter().map(|&k| spectrum.plain(k)).sum();
+        if h.self_paired {
+            products.push(sum.re * h.scale);
+        } else {
+            products.push(SQRT_2 * sum.re * h.scale);
+            products.push(-SQRT_2 * sum.im * h.scale);
+        }
+    }
+    products
+}
+
+/// The transform of weights that the group keeps, at any index.
+struct Wrapped<const D: usize> {
+    spectrum: Spectrum<D>,
+    n: i32,
+}
+
+impl<const D: usize> Wrapped<D> {
+    fn at(&self, k: Frequency<D>) -> Complex64 {
+        let half = self.n / 2;
+        self.spectrum.plain(k.map(|c| {
+            let c = c.rem_euclid(self.n);
+            if c > half { c - self.n } else { c }
+        }))
+    }
+
+    /// Weighted sums of the products of the functions of `left` (rows) and `right` (columns).
+    ///
+    /// With x and y the complex functions of the two orbits, sum w x conj y and sum w x y are both
+    /// sums of the weights' transform over the members of the left orbit for one member of the right,
+    /// times their number, since the group keeps the weights; real and imaginary parts follow.
+    fn block(&self, left: &Harmonic<D>, right: &Harmonic<D>) -> [[f64; 2]; 2] {
+        let own = right.orbit.representative();
+        let scale = left.scale * right.scale * right.orbit.members.len() as f64;
+        let sum = |sign: i32| -> Complex64 {
+            let index = |k: &Frequency<D>| std::array::from_fn(|a| sign * own[a] - k[a]);
+            let members = left.orbit.members.iter();
+            members.map(|k| self.at(index(k))).sum::<Complex64>() * scale
+        };
+        let across = sum(1);
+        match (left.self_paired, right.self_paired) {
+            (true, true) => [[across.re, 0.0], [0.0; 2]],
+            (true, false) => [[SQRT_2 * across.re, -SQRT_2 * across.im], [0.0; 2]],
+            (false, true) => [[SQRT_2 * across.re, 0.0], [SQRT_2 * across.im, 0.0]],
+            (false, false) => {
+                let along = sum(-1);
+                [
+                    [along.re + across.re, along.im - across.im],
+                    [along.im + across.im, across.re - along.re],
+                ]
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cell::symmetry;
+    use crate::frame::Element;
+    use crate::progress::Silent;
+
+    /// The matrix from look-ups is that of the sums over the samples.
+    #[test]
+    fn both_solvers_of_the_grid_have_one_solution() {
+        for (element, group) in [
+            (Element::Tet, "Td"),
+            (Element::Tet, "C3v"),
+            (Element::Hex, "D2h"),
+            (Element::Wedge, "D3h"),
+            (Element::Pyramid, "C1"),
+        ] {
+            let (own, lattice) = symmetry::<3>(element, Some(group), None).unwrap();
+            let basis = Basis::new(own, lattice, 1.9);
+            let n = 24;
+            let mut samples =
+                grid_samples(element, basis.group(), basis.lattice(), n, [1.0, 0.3, 0.1]);
+            for s in &mut samples {
+                s.value = s.point.0.norm() - 0.3;
+            }
+            let equations = NormalEquations::on_grid(&basis, n, &samples, 1e-4, &Silent).unwrap();
+            let dense = equations.solve(None).unwrap();
+            let (iterative, _) =
+                conjugate_gradients(&basis, n, &samples, 1e-4, None, &[], &Silent).unwrap();
+            for (a, b) in dense.iter().zip(&iterative) {
+                assert!((a - b).abs() < 1e-6, "{element:?} {group}: {a} {b}");
+            }
+        }
+    }
+}

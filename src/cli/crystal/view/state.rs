@@ -1,0 +1,204 @@
+//! What the viewer works on: a workshop, and the script that its model follows from.
+
+use super::super::super::{Failure, Session};
+use super::super::{Source, begin, touching};
+use super::sandbox::Fence;
+use super::scene;
+use crate::io::DiskFiles;
+use crate::io::atomic::write_bytes;
+use crate::polymesh::{
+    Files, Kind, PolyMesh, Script, Workshop, extrusion_named, extrusion_names, scheme_names,
+};
+use serde_json::{Value, json};
+use std::fmt::Write;
+use std::path::Path;
+
+/// Steps that can be undone.
+const REMEMBERED: usize = 500;
+/// Faces beyond which self-intersections are not looked for at every step.
+const SEARCHED: usize = 20_000;
+
+/// What a request cannot have, as a status of HTTP and a sentence.
+pub(super) struct Refused {
+    pub status: u16,
+    pub message: String,
+}
+
+impl Refused {
+    fn new(message: impl Into<String>) -> Self {
+        Self {
+            status: 422,
+            message: message.into(),
+        }
+    }
+}
+
+/// Names that the page offers.
+pub(super) fn words() -> Value {
+    let extrusions = extrusion_names().into_iter().filter_map(|name| {
+        let (kind, _): (Kind, _) = extrusion_named(&name)?;
+        let angle = kind.regular_dihedral().to_degrees();
+        Some(json!({ "name": name, "tiers": kind.tiers(), "dihedral": angle, "iterates": kind.has_top() }))
+    });
+    let extrusions: Vec<Value> = extrusions.collect();
+    json!({ "extrusions": extrusions, "schemes": scheme_names() })
+}
+
+/// A model that is being worked on.
+pub(super) struct Desk<'a> {
+    workshop: Workshop<'a>,
+    fence: &'a Fence,
+    session: &'a Session,
+    /// The script that was opened, and the steps that it made.
+    text: String,
+    opened: Vec<String>,
+    /// Whether parameters were set from outside, so that the text alone makes another model.
+    set: bool,
+    notes: Vec<String>,
+}
+
+impl<'a> Desk<'a> {
+    /// Carries a script out and lays its model on the desk.
+    pub fn open(source: &Source, fence: &'a Fence, session: &'a Session) -> Result<Self, Failure> {
+        let mut workshop = Workshop::remembering(fence, REMEMBERED);
+        begin(&mut workshop, source, None, session)?;
+        Ok(Self {
+            opened: workshop.steps(),
+            workshop,
+            fence,
+            session,
+            text: source.text.clone(),
+            set: !source.parameters.is_empty(),
+            notes: Vec::new(),
+        })
+    }
+
+    /// The steps that made the model.
+    pub fn steps(&self) -> Vec<String> {
+        self.workshop.steps()
+    }
+
+    /// Carries steps out; on an error the model stays.
+    pub fn step(&mut self, text: &str) -> Result<(), Refused> {
+        let before = self.workshop.clone();
+        let done = Script::parse(text).and_then(|s| s.run(&mut self.workshop, None));
+        if let Err(e) = done {
+            self.workshop = before;
+            return Err(Refused::new(e.to_string()));
+        }
+        self.notes = self
+            .workshop
+            .take_notes()
+            .into_iter()
+            .map(|n| n.text)
+            .collect();
+        Ok(())
+    }
+
+    /// Replaces the last step by another one.
+    pub fn again(&mut self, text: &str) -> Result<(), Refused> {
+        let before = self.workshop.clone();
+        self.undo()?;
+        let done = self.step(text);
+        if done.is_err() {
+            self.workshop = before;
+        }
+        done
+    }
+
+    /// Goes back one step.
+    pub fn undo(&mut self) -> Result<(), Refused> {
+        self.notes.clear();
+        let done = self.workshop.history().undo().is_some();
+        done.then_some(())
+            .ok_or_else(|| Refused::new("nothing to undo"))
+    }
+
+    /// Goes forward one step.
+    pub fn redo(&mut self) -> Result<(), Refused> {
+        self.notes.clear();
+        let done = self.workshop.history().redo().is_some();
+        done.then_some(())
+            .ok_or_else(|| Refused::new("nothing to redo"))
+    }
+
+    /// The script that makes the model: the one that was opened with the steps since, or, where some of its
+    /// own were undone, the steps one by one.
+    pub fn script(&self) -> String {
+        let steps = self.workshop.steps();
+        let mut text = String::new();
+        let since = if !self.set && steps.starts_with(&self.opened) {
+            text.push_str(&self.text);
+            if !text.is_empty() && !text.ends_with('\n') {
+                text.push('\n');
+            }
+            &steps[self.opened.len()..]
+        } else {
+            for (name, value) in self.workshop.parameters() {
+                let _ = writeln!(text, "param {name} = {value}");
+            }
+            &steps[..]
+        };
+        for step in since {
+            text.push_str(step);
+            text.push('\n');
+        }
+        text
+    }
+
+    /// Writes the script (`.crystal`) or the model under a plain name; says what was written.
+    pub fn save(&self, name: &str) -> Result<Value, Refused> {
+        let name = Path::new(name.trim());
+        let path = self.fence.inside(name).map_err(|message| Refused {
+            status: 403,
+            message,
+        })?;
+        let Some(mesh) = self.workshop.shared() else {
+            return Err(Refused::new("there is no mesh yet"));
+        };
+        if name.extension().is_none_or(|e| e != "crystal") {
+            self.fence.save(name, &mesh).map_err(Refused::new)?;
+        } else {
+            let script = self.script();
+            self.replay(&script, &mesh)?;
+            write_bytes(&path, script.as_bytes()).map_err(|e| Refused::new(e.to_string()))?;
+        }
+        let bytes = std::fs::metadata(&path).map_or(0, |m| m.len());
+        Ok(json!({ "path": path.display().to_string(), "bytes": bytes }))
+    }
+
+    /// A script that makes another model than this one is no use.
+    fn replay(&self, script: &str, mesh: &PolyMesh) -> Result<(), Refused> {
+        let files = DiskFiles::new(self.fence.directory(), false);
+        let made = crate::io::carry_out(script, &files, &[]);
+        let (made, _) =
+            made.map_err(|e| Refused::new(format!("the script does not replay: {e}")))?;
+        if made == *mesh {
+            return Ok(());
+        }
+        Err(Refused::new(
+            "the script makes another model: more steps were undone than are remembered, or a file has changed",
+        ))
+    }
+
+    /// The model for the page.
+    pub fn scene(&mut self) -> Vec<u8> {
+        let mesh = self.workshop.shared();
+        let mut notes = self.notes.clone();
+        let small = |m: &&PolyMesh| m.face_count() <= SEARCHED;
+        if let Some(mesh) = mesh.as_deref().filter(small) {
+            let met = touching(mesh, self.session).ok().flatten();
+            notes.extend(met.map(|(line, _)| line));
+        }
+        let history = self.workshop.history();
+        let (back, forth) = (history.can_undo(), history.can_redo());
+        let about = json!({
+            "script": self.script(),
+            "undo": back,
+            "redo": forth,
+            "notes": notes,
+            "summary": mesh.as_ref().map_or("no mesh yet".into(), |m| m.summary().to_string()),
+        });
+        scene::pack(mesh.as_deref(), about)
+    }
+}

@@ -1,0 +1,215 @@
+//! Commands on `.vdb` files as recipes: the same sections, the same words, one parser.
+
+use super::{Answer, Failure, Session};
+use crate::frame::LengthUnit;
+use crate::pipeline::{Report, RunOptions, run};
+use crate::recipe::{Length, Onto, Recipe, Size};
+use crate::vdb::subprocess::Opened;
+use clap::Args;
+use std::path::Path;
+use toml::{Table, Value};
+
+/// Which surface of an OpenVDB file is meant.
+#[derive(Args, Default)]
+pub(super) struct GridChoice {
+    /// Name of the grid [default: "surface", the only level set, or the only grid of floats].
+    #[arg(long, value_name = "NAME")]
+    pub grid: Option<String>,
+    /// The value on the surface of a grid that is no level set [default: 0.5 for a fog volume].
+    #[arg(long, value_name = "NUMBER", allow_hyphen_values = true)]
+    pub value: Option<f64>,
+    /// Unit of the file's lengths [default: what the file says, else m].
+    #[arg(long)]
+    pub unit: Option<LengthUnit>,
+    /// Bring a grid that is turned, mirrored, sheared, stretched or a frustum onto cubes: as fine as its voxels, or
+    /// of this edge, as in --resample=0.1mm (bare in the file's unit).
+    #[arg(long, value_name = "LENGTH", num_args = 0..=1, require_equals = true, default_missing_value = "true")]
+    pub resample: Option<Onto>,
+    /// Exchange inside and outside of a level set that is inside out, negative outside.
+    #[arg(long)]
+    pub invert: bool,
+}
+
+/// A recipe in the making.
+pub(super) struct Draft {
+    sections: Table,
+    operations: Vec<Value>,
+    outputs: Vec<Value>,
+    /// The grid that it starts from, read once for its voxels and for the run.
+    pub opened: Option<Opened>,
+}
+
+/// A table of the keys that are there.
+pub(super) fn table<'a>(entries: impl IntoIterator<Item = (&'a str, Option<Value>)>) -> Value {
+    let kept = entries.into_iter();
+    Value::Table(
+        kept.filter_map(|(k, v)| v.map(|v| (k.to_owned(), v)))
+            .collect(),
+    )
+}
+
+/// A path as TOML can hold it.
+pub(super) fn path_value(path: &Path) -> Result<Value, Failure> {
+    let text = path.to_str().ok_or_else(|| {
+        Failure::usage(format!(
+            "{}: the path is no UTF-8; rename the file",
+            path.display()
+        ))
+    })?;
+    Ok(Value::String(text.to_owned()))
+}
+
+impl Draft {
+    pub fn new(unit: LengthUnit, voxel_size: Value, half_width: f64) -> Self {
+        let band = table([
+            ("voxel_size", Some(voxel_size)),
+            ("half_width", Some(Value::Float(half_width))),
+        ]);
+        let mut sections = Table::new();
+        sections.insert("druse".into(), Value::Integer(1));
+        sections.insert("unit".into(), Value::String(unit.symbol().into()));
+        sections.insert("band".into(), band);
+        Self {
+            sections,
+            operations: Vec::new(),
+            outputs: Vec::new(),
+            opened: None,
+        }
+    }
+
+    /// A draft that starts from a grid of a file, in the file's own unit and voxels.
+    pub fn of_file(path: &Path, choice: &GridChoice) -> Result<(Self, LengthUnit), Failure> {
+        let name = choice.grid.as_deref();
+        let volume = super::vdb::reader()?.fetch(path, name)?;
+        let own = || volume.meta("druse.unit").and_then(|u| u.parse().ok());
+        let unit = choice.unit.or_else(own).unwrap_or(LengthUnit::Metre);
+        let (edge, width) = volume.voxels();
+        let width = if (1.5..=64.0).contains(&width) {
+            width
+        } else {
+            3.0
+        };
+        let voxel = match choice.resample {
+            Some(Onto::Edge(size)) => length(size),
+            _ => Value::Float(edge),
+        };
+        let mut draft = Self::new(unit, voxel.clone(), width);
+        let resample = choice.resample.map(|onto| match onto {
+            Onto::Edge(_) => voxel,
+            Onto::Recipe(is_wanted) => Value::Boolean(is_wanted),
+        });
+        let source = table([
+            ("path", Some(path_value(path)?)),
+            ("grid", choice.grid.clone().map(Value::String)),
+            ("value", choice.value.map(Value::Float)),
+            ("unit", Some(Value::String(unit.symbol().into()))),
+            ("resample", resample),
+            ("invert", choice.invert.then_some(Value::Boolean(true))),
+        ]);
+        draft.operation("union", table([("vdb", Some(source))]));
+        draft.opened = Some(Opened::new(path, name, volume));
+        Ok((draft, unit))
+    }
+
+    pub fn operation(&mut self, name: &str, value: Value) {
+        self.operations.push(table([(name, Some(value))]));
+    }
+
+    pub fn output(&mut self, entries: Vec<(&str, Option<Value>)>) {
+        self.outputs.push(table(entries));
+    }
+
+    /// Parses the draft as any recipe.
+    pub fn recipe(mut self) -> Result<Recipe, Failure> {
+        let lists = [("op", self.operations), ("output", self.outputs)];
+        for (name, list) in lists {
+            self.sections.insert(name.into(), Value::Array(list));
+        }
+        Ok(Recipe::parse(&self.sections.to_string(), &[])?)
+    }
+
+    /// Runs it.
+    pub fn run(
+        mut self,
+        session: &Session,
+        threads: usize,
+    ) -> Result<(Report, Vec<String>), Failure> {
+        let opened = self.opened.take();
+        let recipe = self.recipe()?;
+        let options = RunOptions {
+            threads,
+            strict: session.strict(),
+            brief: true,
+            isolated: Some(super::vdb::reader()?),
+            opened,
+            ..RunOptions::default()
+        };
+        let report = run(&recipe, &options, session)?;
+        session.finish();
+        for warning in &report.warnings {
+            session.warn(warning);
+        }
+        let lines = report.outputs.iter().map(|o| {
+            let unit = o.unit.as_deref().unwrap_or("");
+            format!("{}  {}  {unit}", o.path, super::run::size(o.bytes))
+                .trim_end()
+                .to_owned()
+        });
+        let lines = lines.collect();
+        Ok((report, lines))
+    }
+}
+
+/// A length as a recipe writes it.
+pub(super) fn length(size: Size) -> Value {
+    match size.0 {
+        Length::Bare(v) => Value::Float(v),
+        _ => Value::String(size.to_string()),
+    }
+}
+
+/// The key of an output by the extension of its path.
+pub(super) fn output_key(path: &Path) -> &'static str {
+    let extension = path
+        .extension()
+        .map(|e| e.to_string_lossy().to_lowercase())
+        .unwrap_or_default();
+    match extension.as_str() {
+        "stl" | "ply" | "obj" | "3mf" => "mesh",
+        "png" => "picture",
+        _ => "vdb",
+    }
+}
+
+/// A result in a unit and, where they differ, in another: "0.06 m -> 60 mm".
+pub(super) fn extent(report: &Report, from: LengthUnit, to: LengthUnit) -> String {
+    let Some(bounds) = report.solid.bounds else {
+        return String::new();
+    };
+    let longest = bounds.size().max();
+    let show = |v: f64, unit: LengthUnit| {
+        let digits = (4 - v.abs().log10().floor() as i32).clamp(0, 12) as usize;
+        let text = format!("{v:.digits$}");
+        let text = if text.contains('.') {
+            text.trim_end_matches('0').trim_end_matches('.')
+        } else {
+            &text
+        };
+        format!("{text} {unit}")
+    };
+    if from == to {
+        show(longest, from)
+    } else {
+        format!(
+            "{} -> {}",
+            show(longest, from),
+            show(longest * from.to(to), to)
+        )
+    }
+}
+
+/// What a command on a file says.
+pub(super) fn answer(report: &Report, lines: &[String]) -> Answer {
+    let json = serde_json::to_value(report).unwrap_or_default();
+    Answer::new(lines.join("\n"), json)
+}

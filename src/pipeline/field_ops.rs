@@ -1,0 +1,460 @@
+//! From operations to one field: what is made before anything needs neighbours.
+//!
+//! Tiling, envelopes, skins and primitives are combined by minimum and maximum and sampled once, so
+//! that they are culled together and the result does not depend on blocks. The first operation that
+//! needs neighbours ends this; from there on the solid is a level set.
+
+use super::error::RunError;
+use super::inputs::Stock;
+use super::offsets::Offsets;
+use crate::field::{
+    BoxSolid, Capsule, Complement, Cylinder, ExactIntersection, Field, HalfSpace, Intersection,
+    LeafParts, Leaves, Offset, Sphere, Union, WorldField,
+};
+use crate::frame::{Aabb, Vec3};
+use crate::mesh::{MeshSolid, Side as MeshSide, Skin};
+use crate::recipe::{Length, Op, Operand, Scale, Side, Trim};
+
+/// A solid as a field, the box it lies in, and what it is called in messages.
+pub(super) struct Shape<'a> {
+    pub field: Box<WorldField<'a>>,
+    pub extent: Aabb,
+    pub name: String,
+}
+
+/// How many operations from the first act on the field.
+pub(super) fn field_operations(ops: &[Op]) -> usize {
+    ops.iter().take_while(|op| op.is_pointwise()).count()
+}
+
+/// The solid as the field that is sampled, for voxels of one size.
+pub(super) fn shape<'a>(stock: &'a Stock, scale: Scale) -> Result<Shape<'a>, RunError> {
+    shape_with(stock, scale, stock.offsets())
+}
+
+/// The solid after its field operations and some offsets.
+pub(super) fn shape_with<'a>(
+    stock: &'a Stock,
+    scale: Scale,
+    offsets: Offsets,
+) -> Result<Shape<'a>, RunError> {
+    let sections = stock.recipe.sections();
+    let reach = offsets.reach() + sections.band.half_width.0 * scale.voxel_size;
+    let mut shape = stock.tiled(scale, offsets)?;
+    let count = field_operations(&sections.op);
+    for (n, op) in sections.op[..count].iter().enumerate() {
+        let key = format!("op.{n}");
+        let other = match op {
+            Op::Trim(trim) => boxed(trim_box(trim, scale), format!("the box of {key}")),
+            _ => match op.operand() {
+                Some(operand) => self::operand(stock, operand, &key, (scale, offsets))?,
+                None => continue,
+            },
+        };
+        shape = Some(match shape {
+            Some(shape) => combine(op, shape, other, (reach, offsets))?,
+            None => other,
+        });
+    }
+    let mut shape = shape.ok_or_else(|| RunError::Empty("no operation".into()))?;
+    if shape.extent.is_empty() {
+        return Err(RunError::Empty(shape.name));
+    }
+    if !shape.extent.size().iter().all(|s| s.is_finite()) {
+        return Err(RunError::Endless(shape.name));
+    }
+    if offsets.count > 0 {
+        shape.extent = shape.extent.dilated(offsets.growth());
+        shape.field = Box::new(Offset {
+            field: shape.field,
+            by: offsets.by,
+            half: offsets.half,
+        });
+    }
+    Ok(shape)
+}
+
+/// A box that holds the solid after its field operations and some offsets, found without the field of the tiled
+/// scaffold; none where the solid is empty or endless.
+pub(super) fn room(
+    stock: &Stock,
+    scale: Scale,
+    offsets: Offsets,
+) -> Result<Option<Aabb>, RunError> {
+    let sections = stock.recipe.sections();
+    let mut room = stock.tiled_extent(scale, offsets);
+    let count = field_operations(&sections.op);
+    for (n, op) in sections.op[..count].iter().enumerate() {
+        let other = match (op, op.operand()) {
+            (Op::Trim(trim), _) => trim_box(trim, scale),
+            (_, Some(other)) => operand(stock, other, &format!("op.{n}"), (scale, offsets))?.extent,
+            _ => continue,
+        };
+        room = Some(match (room, op) {
+            (None, _) => other,
+            (Some(room), Op::Intersect(_) | Op::Trim(_)) if room.meets(other) => {
+                room.intersection(other)
+            }
+            (Some(_), Op::Intersect(_) | Op::Trim(_)) => return Ok(None),
+            (Some(room), Op::Subtract(_)) => room,
+            (Some(room), _) => room.union(other),
+        });
+    }
+    let is_usable = |r: &Aabb| !r.is_empty() && r.size().iter().all(|s| s.is_finite());
+    let grown = room.filter(is_usable).map(|r| r.dilated(offsets.growth()));
+    Ok(grown.filter(is_usable))
+}
+
+/// The common part of two fields, with distances beyond its edges where offsets need them; `reach`
+/// bounds the distances that matter, world units.
+pub(super) fn common_part<'a>(
+    a: Box<WorldField<'a>>,
+    b: Box<WorldField<'a>>,
+    reach: f64,
+    offsets: Offsets,
+) -> Box<WorldField<'a>> {
+    if offsets.count == 0 {
+        return Box::new(Intersection(vec![a, b]));
+    }
+    Box::new(ExactIntersection {
+        pair: [a, b],
+        // One surface of a wall is the solid's own.
+        level: offsets.half.map_or(offsets.by.min(0.0), |_| 0.0),
+        reach,
+    })
+}
+
+/// All of two fields, as [`common_part`]: what is left out is the common part of what either leaves out.
+pub(super) fn whole<'a>(
+    a: Box<WorldField<'a>>,
+    b: Box<WorldField<'a>>,
+    reach: f64,
+    offsets: Offsets,
+) -> Box<WorldField<'a>> {
+    if offsets.count == 0 {
+        return Box::new(Union(vec![a, b]));
+    }
+    let outside = Offsets {
+        by: -offsets.by,
+        ..offsets
+    };
+    let [a, b] = [a, b].map(|f| Box::new(Complement(f)) as Box<WorldField>);
+    Box::new(Complement(common_part(a, b, reach, outside)))
+}
+
+/// Two fields to one.
+fn combine<'a>(
+    op: &Op,
+    a: Shape<'a>,
+    b: Shape<'a>,
+    (reach, offsets): (f64, Offsets),
+) -> Result<Shape<'a>, RunError> {
+    let name = a.name.clone();
+    Ok(match op {
+        Op::Intersect(_) | Op::Trim(_) => {
+            if !a.extent.meets(b.extent) {
+                return Err(RunError::Apart {
+                    left_name: a.name,
+                    left: a.extent,
+                    right_name: b.name,
+                    right: b.extent,
+                });
+            }
+            Shape {
+                extent: a.extent.intersection(b.extent),
+                field: common_part(a.field, b.field, reach, offsets),
+                name,
+            }
+        }
+        Op::Subtract(_) => Shape {
+            extent: a.extent,
+            field: common_part(a.field, Box::new(Complement(b.field)), reach, offsets),
+            name,
+        },
+        _ => Shape {
+            extent: a.extent.union(b.extent),
+            field: whole(a.field, b.field, reach, offsets),
+            name,
+        },
+    })
+}
+
+/// The solid that an operation on the level set combines with, none for the others; `room` gives the
+/// box of all that matters, which ends a solid without end.
+pub(super) fn operation_shape<'a>(
+    stock: &'a Stock,
+    (n, op): (usize, &Op),
+    scale: Scale,
+    room: impl FnOnce() -> Result<Aabb, RunError>,
+) -> Result<Option<Shape<'a>>, RunError> {
+    let key = format!("op.{n}");
+    if let Op::Trim(trim) = op {
+        let extent = trim_box(trim, scale).intersection(room()?);
+        return Ok(Some(boxed(extent, format!("the box of {key}"))));
+    }
+    let Some(other) = op.operand() else {
+        return Ok(None);
+    };
+    let shape = operand(stock, other, &key, (scale, Offsets::default()))?;
+    if shape.extent.size().iter().all(|s| s.is_finite()) {
+        return Ok(Some(shape));
+    }
+    if !matches!(op, Op::Intersect(_) | Op::Subtract(_)) {
+        return Err(RunError::Endless(shape.name));
+    }
+    let room = room()?;
+    Ok(Some(Shape {
+        field: Box::new(Intersection(vec![shape.field, Box::new(BoxSolid(room))])),
+        extent: room,
+        name: shape.name,
+    }))
+}
+
+/// The solid to combine with.
+pub(super) fn operand<'a>(
+    stock: &'a Stock,
+    operand: &Operand,
+    key: &str,
+    (scale, offsets): (Scale, Offsets),
+) -> Result<Shape<'a>, RunError> {
+    let point = |c: &[Length; 3]| Vec3::from(c.map(|l| l.resolve(scale)));
+    Ok(match operand {
+        Operand::Mesh(_) | Operand::Crystal(_) => {
+            let solid = stock.solid(key);
+            let word = operand.surface().map_or("solid", |s| s.word());
+            if let Some(lattice) = stock.lattice(key) {
+                let band = stock.recipe.sections().band.half_width.0 * scale.voxel_size;
+                let mesh = Some(solid).filter(|s| !s.mesh().is_empty());
+                let bounds = mesh.map_or(Aabb::EMPTY, MeshSolid::bounds);
+                return Ok(Shape {
+                    extent: bounds.union(lattice.bounds()),
+                    field: lattice.field(mesh, (offsets.reach() + band, offsets)),
+                    name: format!("the {word} of {key}"),
+                });
+            }
+            Shape {
+                extent: solid.bounds(),
+                field: Box::new(Borrowed(solid)),
+                name: format!("the {word} of {key}"),
+            }
+        }
+        Operand::Skin(skin) => {
+            let solid = stock.solid(key);
+            let thickness = skin.thickness.resolve(scale);
+            let (side, reach) = match skin.side {
+                Side::Inside => (MeshSide::Inside, 0.0),
+                Side::Outside => (MeshSide::Outside, thickness),
+                Side::Both => (MeshSide::Both, thickness / 2.0),
+            };
+            Shape {
+                extent: solid.bounds().dilated(reach),
+                field: Box::new(Skin::new(solid, thickness, side)),
+                name: format!("the skin of {key}"),
+            }
+        }
+        Operand::Sphere(ball) => {
+            let (centre, radius) = (point(&ball.centre), ball.radius.resolve(scale));
+            Shape {
+                extent: Aabb::of([centre]).dilated(radius),
+                field: Box::new(Sphere { centre, radius }),
+                name: format!("the sphere of {key}"),
+            }
+        }
+        Operand::Box(block) => {
+            let half = Vec3::from(block.size.map(|s| s.resolve(scale))) / 2.0;
+            let centre = point(&block.centre);
+            let extent = Aabb::of([centre - half, centre + half]);
+            boxed(extent, format!("the box of {key}"))
+        }
+        Operand::Vdb(_) => {
+            let solid = stock.volumes.solid(key);
+            Shape {
+                extent: solid.bounds(),
+                field: Box::new(Borrowed(solid)),
+                name: format!("the level set of {key}"),
+            }
+        }
+        Operand::Cylinder(rod) => {
+            let solid = Cylinder {
+                ends: [point(&rod.from), point(&rod.to)],
+                radius: rod.radius.resolve(scale),
+            };
+            Shape {
+                extent: solid.bounds(),
+                field: Box::new(solid),
+                name: format!("the cylinder of {key}"),
+            }
+        }
+        Operand::Capsule(rod) => {
+            let solid = Capsule {
+                ends: [point(&rod.from), point(&rod.to)],
+                radius: rod.radius.resolve(scale),
+            };
+            Shape {
+                extent: solid.bounds(),
+                field: Box::new(solid),
+                name: format!("the capsule of {key}"),
+            }
+        }
+        Operand::Plane(plane) => {
+            let normal = Vec3::from(plane.normal.map(|c| c.0));
+            Shape {
+                extent: Aabb {
+                    min: Vec3::repeat(f64::NEG_INFINITY),
+                    max: Vec3::repeat(f64::INFINITY),
+                },
+                field: Box::new(HalfSpace {
+                    point: point(&plane.point),
+                    normal: normal.try_normalize(0.0).unwrap_or_else(Vec3::z),
+                }),
+                name: format!("the plane of {key}"),
+            }
+        }
+        Operand::Cell(_) => {
+            let options = stock.tiling_options(scale, offsets);
+            let name = format!("the cell of {key}");
+            stock.single(key).shape(options, name)?
+        }
+    })
+}
+
+/// The box of a `trim`, world units; empty if its corners are exchanged.
+pub(super) fn trim_box(trim: &Trim, scale: Scale) -> Aabb {
+    let point = |c: &[Length; 3]| Vec3::from(c.map(|l| l.resolve(scale)));
+    Aabb {
+        min: point(&trim.min),
+        max: point(&trim.max),
+    }
+}
+
+fn boxed<'a>(extent: Aabb, name: String) -> Shape<'a> {
+    Shape {
+        field: Box::new(BoxSolid(extent)),
+        extent,
+        name,
+    }
+}
+
+/// A field seen from a frame whose origin lies at `by`.
+pub(super) struct Shifted<'a> {
+    pub field: Box<WorldField<'a>>,
+    pub by: Vec3,
+}
+
+impl Shifted<'_> {
+    fn moved(&self, region: &Aabb) -> Aabb {
+        Aabb {
+            min: region.min + self.by,
+            max: region.max + self.by,
+        }
+    }
+}
+
+impl Field for Shifted<'_> {
+    type Point = crate::frame::WorldPoint;
+    fn value(&self, p: Self::Point) -> f64 {
+        self.field.value(crate::frame::WorldPoint(p.0 + self.by))
+    }
+    fn value_and_gradient(&self, p: Self::Point) -> (f64, Vec3) {
+        self.field
+            .value_and_gradient(crate::frame::WorldPoint(p.0 + self.by))
+    }
+    fn bound(&self, region: &Aabb) -> crate::field::Interval {
+        self.field.bound(&self.moved(region))
+    }
+    fn bounds(&self, regions: &[Aabb; 8]) -> Option<[crate::field::Interval; 8]> {
+        self.field.bounds(&regions.map(|r| self.moved(&r)))
+    }
+    fn leaf_bound(&self, parts: &LeafParts<Aabb>, near: f64) -> crate::field::Interval {
+        let moved = LeafParts {
+            own: parts.own.map(|r| self.moved(&r)),
+            wide: parts.wide.map(|r| self.moved(&r)),
+            step: parts.step,
+        };
+        self.field.leaf_bound(&moved, near)
+    }
+    fn fill(&self, lattice: &crate::field::SampleLattice<Self::Point>, out: &mut [f32]) {
+        self.fill_counting(lattice, out);
+    }
+    fn fill_counting(
+        &self,
+        lattice: &crate::field::SampleLattice<Self::Point>,
+        out: &mut [f32],
+    ) -> u64 {
+        let origin = crate::frame::WorldPoint(lattice.origin.0 + self.by);
+        self.field
+            .fill_counting(&crate::field::SampleLattice { origin, ..*lattice }, out)
+    }
+    fn fill_leaves(&self, leaves: &mut Leaves<'_, Self::Point>) -> Option<u64> {
+        let origins: Vec<_> = leaves
+            .origins
+            .iter()
+            .map(|p| crate::frame::WorldPoint(p.0 + self.by))
+            .collect();
+        self.field.fill_leaves(&mut Leaves {
+            origins: &origins,
+            step: leaves.step,
+            by: leaves.by,
+            background: leaves.background,
+            values: leaves.values,
+            bits: leaves.bits,
+        })
+    }
+    fn sides(&self, first: Self::Point, step: f64, band: [f64; 2]) -> Option<[u64; 2]> {
+        let first = crate::frame::WorldPoint(first.0 + self.by);
+        self.field.sides(first, step, band)
+    }
+    fn signs(&self, lattice: &crate::field::SampleLattice<Self::Point>, rows: &mut [u64]) -> u64 {
+        let origin = crate::frame::WorldPoint(lattice.origin.0 + self.by);
+        self.field
+            .signs(&crate::field::SampleLattice { origin, ..*lattice }, rows)
+    }
+}
+
+/// A field that somebody else owns.
+pub(super) struct Borrowed<'a, F>(pub &'a F);
+
+impl<F: Field> Field for Borrowed<'_, F> {
+    type Point = F::Point;
+    fn value(&self, p: F::Point) -> f64 {
+        self.0.value(p)
+    }
+    fn value_and_gradient(&self, p: F::Point) -> (f64, <F::Point as crate::field::Point>::Vector) {
+        self.0.value_and_gradient(p)
+    }
+    fn bound(&self, region: &<F::Point as crate::field::Point>::Region) -> crate::field::Interval {
+        self.0.bound(region)
+    }
+    fn bounds(
+        &self,
+        regions: &[<F::Point as crate::field::Point>::Region; 8],
+    ) -> Option<[crate::field::Interval; 8]> {
+        self.0.bounds(regions)
+    }
+    fn leaf_bound(
+        &self,
+        parts: &LeafParts<<F::Point as crate::field::Point>::Region>,
+        near: f64,
+    ) -> crate::field::Interval {
+        self.0.leaf_bound(parts, near)
+    }
+    fn fill(&self, lattice: &crate::field::SampleLattice<F::Point>, out: &mut [f32]) {
+        self.0.fill(lattice, out);
+    }
+    fn fill_counting(
+        &self,
+        lattice: &crate::field::SampleLattice<F::Point>,
+        out: &mut [f32],
+    ) -> u64 {
+        self.0.fill_counting(lattice, out)
+    }
+    fn fill_leaves(&self, leaves: &mut Leaves<'_, F::Point>) -> Option<u64> {
+        self.0.fill_leaves(leaves)
+    }
+    fn sides(&self, first: F::Point, step: f64, band: [f64; 2]) -> Option<[u64; 2]> {
+        self.0.sides(first, step, band)
+    }
+    fn signs(&self, lattice: &crate::field::SampleLattice<F::Point>, rows: &mut [u64]) -> u64 {
+        self.0.signs(lattice, rows)
+    }
+}

@@ -1,0 +1,271 @@
+//! Files that a run reads: their frame, their hash, their box, and what looks wrong with them.
+
+use super::RunOptions;
+use super::crystals::Crystal;
+use super::error::{RunError, show};
+use super::lattice::Lattice;
+use super::report::{Input, Warning};
+use crate::frame::{Aabb, LengthUnit, Vec3};
+use crate::io::{Place, ReadError, SolidFile};
+use crate::mesh::{HopelessMesh, MeshSolid, RepairKind, TriMesh};
+use crate::recipe::{CrystalFrame, FileFrame, Recipe, SurfaceRef, Up};
+use crate::vdb::subprocess::{Opened, Program};
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+/// Boxes that differ by more than this have probably different units.
+const UNLIKELY: f64 = 100.0;
+
+/// What has been read so far.
+pub(super) struct Inputs<'a> {
+    pub recipe: &'a Recipe,
+    pub files: Vec<Input>,
+    pub warnings: Vec<Warning>,
+    /// The child process that reads OpenVDB files, if one is to.
+    pub reader: Option<&'a Program>,
+    /// A grid that has been read already, if there is one.
+    pub opened: Option<&'a Opened>,
+    paths: Vec<PathBuf>,
+    strict: bool,
+}
+
+impl<'a> Inputs<'a> {
+    pub fn new(recipe: &'a Recipe, options: &'a RunOptions) -> Self {
+        Self {
+            recipe,
+            files: Vec::new(),
+            warnings: Vec::new(),
+            reader: options.isolated.as_ref(),
+            opened: options.opened.as_ref(),
+            paths: recipe.source().path.iter().cloned().collect(),
+            strict: options.strict,
+        }
+    }
+
+    /// The solid within a surface of the recipe.
+    pub fn solid(&mut self, key: &str, surface: SurfaceRef) -> Result<MeshSolid, RunError> {
+        match surface {
+            SurfaceRef::Mesh(file) => {
+                let path = self.recipe.resolve(&file.path);
+                let read = SolidFile {
+                    file: crate::io::read_mesh(&path)?,
+                    beams: Vec::new(),
+                };
+                Ok(self.read_solid(key, file, read)?.0)
+            }
+            SurfaceRef::Crystal(frame) => self.crystal_solid(key, frame),
+        }
+    }
+
+    /// The solid within a surface of the recipe, and the beams that its file holds besides.
+    pub fn solid_and_beams(
+        &mut self,
+        key: &str,
+        surface: SurfaceRef,
+    ) -> Result<(MeshSolid, Option<Lattice>), RunError> {
+        let SurfaceRef::Mesh(file) = surface else {
+            return Ok((self.solid(key, surface)?, None));
+        };
+        let read = crate::io::read_solid(self.recipe.resolve(&file.path))?;
+        self.read_solid(key, file, read)
+    }
+
+    /// Makes a crystal and notes it.
+    pub fn crystal(&mut self, key: &str, frame: &CrystalFrame) -> Result<Crystal, RunError> {
+        let crystal = Crystal::make(self.recipe, frame)?;
+        self.record_crystal(key, &crystal, crystal.mesh.bounds())?;
+        Ok(crystal)
+    }
+
+    /// Notes a crystal for the report, and what its steps had to say.
+    pub fn record_crystal(
+        &mut self,
+        key: &str,
+        crystal: &Crystal,
+        bounds: Aabb,
+    ) -> Result<(), RunError> {
+        self.files.push(Input {
+            key: key.to_owned(),
+            path: crystal.origin.clone(),
+            hash: crystal.hash.clone(),
+            bounds,
+        });
+        self.paths.extend(crystal.files.iter().cloned());
+        for note in &crystal.notes {
+            self.warn(Warning::MESH, format!("{key}: {note}"))?;
+        }
+        Ok(())
+    }
+
+    fn crystal_solid(&mut self, key: &str, frame: &CrystalFrame) -> Result<MeshSolid, RunError> {
+        let crystal = self.crystal(key, frame)?;
+        let mesh = crystal.solid(self.recipe, frame)?;
+        self.repaired(key, mesh, Path::new(&crystal.origin))
+    }
+
+    /// A mesh as a solid, with warnings of what was repaired.
+    fn repaired(&mut self, key: &str, mesh: TriMesh, path: &Path) -> Result<MeshSolid, RunError> {
+        let (solid, repairs) = MeshSolid::repaired(mesh).map_err(|e| not_a_solid(path, &e))?;
+        for repair in repairs {
+            let code = match repair.kind {
+                RepairKind::United => Warning::OVERLAP,
+                RepairKind::Turned | RepairKind::Closed => Warning::MESH,
+            };
+            self.warn(code, format!("{key}: {repair}"))?;
+        }
+        Ok(solid)
+    }
+
+    /// Brings what was read into the recipe's unit and frame, and makes solids of it.
+    fn read_solid(
+        &mut self,
+        key: &str,
+        file: &FileFrame,
+        SolidFile { file: read, beams }: SolidFile,
+    ) -> Result<(MeshSolid, Option<Lattice>), RunError> {
+        let path = self.recipe.resolve(&file.path);
+        let own = file.unit.map(|u| u.0).or(read.unit);
+        let recipe = self.recipe.unit();
+        let mesh = framed(&read.mesh, file, own, recipe);
+        let factor = own.map_or(1.0, |u| u.to(recipe)) * file.transform.scale.0;
+        let map = frame_map(file, own, recipe);
+        let clip = |mesh| self.repaired(key, mesh, &path);
+        let lattice = Lattice::new(&beams, map, factor, clip)?;
+        let bounds = match &lattice {
+            Some(lattice) if mesh.is_empty() => lattice.bounds(),
+            Some(lattice) => lattice.bounds().union(mesh.bounds()),
+            None => filled(&mesh, &path)?,
+        };
+        self.record(key, &path, bounds)?;
+        for warning in read.warnings {
+            self.warn(Warning::MESH, format!("{key}: {warning}"))?;
+        }
+        let solid = if mesh.is_empty() {
+            MeshSolid::new(mesh)
+        } else {
+            self.repaired(key, mesh, &path)?
+        };
+        Ok((solid, lattice))
+    }
+
+    /// Notes an input for the report.
+    pub fn record(&mut self, key: &str, path: &Path, bounds: Aabb) -> Result<(), RunError> {
+        let (_, hash) = digest(path)?;
+        self.files.push(Input {
+            key: key.to_owned(),
+            path: path.display().to_string(),
+            hash,
+            bounds,
+        });
+        self.paths.push(path.to_owned());
+        Ok(())
+    }
+
+    /// A warning; the end of a strict run.
+    pub fn warn(&mut self, code: &'static str, message: String) -> Result<(), RunError> {
+        if self.strict {
+            return Err(RunError::Strict { code, message });
+        }
+        self.warnings.push(Warning { code, message });
+        Ok(())
+    }
+
+    /// W101: two inputs in world space whose boxes differ more than a hundredfold.
+    pub fn compare_boxes(&mut self) -> Result<(), RunError> {
+        let size = |i: &Input| i.bounds.half_diagonal();
+        let placed = |i: &&Input| !i.key.starts_with("cell.") && !i.bounds.is_empty();
+        let world = || self.files.iter().filter(placed);
+        let least = world().min_by(|a, b| size(a).total_cmp(&size(b)));
+        let most = world().max_by(|a, b| size(a).total_cmp(&size(b)));
+        let Some((least, most)) = least.zip(most) else {
+            return Ok(());
+        };
+        if size(most) <= UNLIKELY * size(least) {
+            return Ok(());
+        }
+        let message = format!(
+            "units look wrong: {} spans {}, {} spans {} (in {}); say unit = ... for one of them",
+            most.key,
+            show(&most.bounds),
+            least.key,
+            show(&least.bounds),
+            self.recipe.unit()
+        );
+        self.warn(Warning::UNITS, message)
+    }
+
+    /// Whether a path is one of the inputs.
+    pub fn contains(&self, path: &Path) -> bool {
+        let real = |p: &Path| std::fs::canonicalize(p).ok();
+        let target = real(path);
+        target.is_some() && self.paths.iter().any(|p| real(p) == target)
+    }
+}
+
+fn filled(mesh: &TriMesh, path: &Path) -> Result<Aabb, ReadError> {
+    if mesh.is_empty() {
+        let (found, expected) = ("no triangles", "a mesh with triangles");
+        return Err(ReadError::data(path, Place::File, found, expected));
+    }
+    Ok(mesh.bounds())
+}
+
+/// The error for a mesh that bounds no solid and cannot be repaired.
+pub(super) fn not_a_solid(path: &Path, error: &HopelessMesh) -> ReadError {
+    ReadError::data(
+        path,
+        Place::File,
+        error.to_string(),
+        "a surface that bounds a solid",
+    )
+}
+
+/// A mesh in the recipe's unit and frame: its own unit, its up axis, then its placement.
+fn framed(
+    mesh: &TriMesh,
+    file: &FileFrame,
+    own: Option<LengthUnit>,
+    recipe: LengthUnit,
+) -> TriMesh {
+    mesh.mapped(frame_map(file, own, recipe))
+}
+
+/// The change of frame of a file's points.
+pub(super) fn frame_map(
+    file: &FileFrame,
+    own: Option<LengthUnit>,
+    recipe: LengthUnit,
+) -> impl Fn(Vec3) -> Vec3 {
+    let factor = own.map_or(1.0, |u| u.to(recipe));
+    let (matrix, shift) = file.transform.matrix();
+    let up = file.up;
+    move |v| {
+        let v = match up {
+            Up::Z => v,
+            Up::Y => Vec3::new(v.x, -v.z, v.y),
+        };
+        matrix * (v * factor) + shift
+    }
+}
+
+/// Size and BLAKE3 of a file.
+pub(super) fn digest(path: &Path) -> Result<(u64, String), ReadError> {
+    let failed = |e| ReadError::io(path, e);
+    let mut file = std::fs::File::open(path).map_err(failed)?;
+    let mut hasher = blake3::Hasher::new();
+    let mut buffer = vec![0; 1 << 18];
+    let mut size = 0;
+    loop {
+        let n = file.read(&mut buffer).map_err(failed)?;
+        if n == 0 {
+            return Ok((size, hasher.finalize().to_hex().to_string()));
+        }
+        hasher.update(&buffer[..n]);
+        size += n as u64;
+    }
+}
+
+/// BLAKE3 of a text.
+pub(super) fn hash_text(text: &str) -> String {
+    blake3::hash(text.as_bytes()).to_hex().to_string()
+}

@@ -1,0 +1,81 @@
+//! The thickness of metric sheets over a scaffold, and which tilings are such sheets.
+
+use super::super::cut_faces::outer_faces;
+use super::super::error::RunError;
+use super::super::grading::scales;
+use super::super::input_files::Inputs;
+use super::super::sheets::SheetThickness;
+use super::super::spatial_value::Setting;
+use super::Fill;
+use crate::recipe::{self, Length, Recipe, Size, TilingSection};
+
+impl Fill {
+    /// The thickness of sheets at the places: that of `[tiling]`, or the cells' own, where bare numbers count
+    /// the local size of the elements.
+    pub(super) fn sheet_thickness<'s>(
+        &self,
+        inputs: &mut Inputs,
+        section: &TilingSection,
+        setting: &dyn Fn(&str) -> Setting<'s>,
+    ) -> Result<SheetThickness, RunError> {
+        let recipe = inputs.recipe;
+        let cell = |name: &str| &recipe.sections().cell[name];
+        let values = if let Some(varying) = &section.thickness {
+            self.values(inputs, &setting("tiling.thickness"), varying)?
+        } else {
+            let shape = self.palette[0].cells[0].element();
+            let mut values = self.at_places(scales(&self.loaded.scaffold, shape));
+            let count = self.palette.len();
+            for (at, value) in values.iter_mut().enumerate() {
+                let own = self.palette.iter().enumerate().map(|(c, entry)| {
+                    let weights = self.weights.get(at * count..(at + 1) * count);
+                    let share = weights.map_or(1.0, |w| w[c] / w.iter().sum::<f64>());
+                    let thickness = match cell(&entry.name).thickness {
+                        Some(Size(Length::Bare(t))) => t * *value,
+                        Some(length) => length.resolve(recipe.scale()),
+                        None => 0.0,
+                    };
+                    share * thickness
+                });
+                *value = own.sum::<f64>();
+            }
+            values
+        };
+        let wrong = (0..values.len()).find(|&n| self.counts[n] && values[n] <= 0.0);
+        if let Some(n) = wrong {
+            let p = self.places[n];
+            return Err(RunError::Tiling(format!(
+                "tiling.thickness is {} at ({}, {}, {}); expected a positive thickness of the sheets",
+                values[n], p.x, p.y, p.z
+            )));
+        }
+        let is_inverted = cell(&self.palette[0].name).invert == Some(true);
+        let outer = outer_faces(&self.loaded.scaffold, recipe.scale().voxel_size);
+        let by_place = (self.places.clone(), values);
+        let sheets = SheetThickness::new(by_place, &self.counts, outer, is_inverted);
+        Ok(sheets)
+    }
+}
+
+/// Whether the cells of a tiling are sheets of a thickness, all of them.
+pub(super) fn is_metric_sheet(recipe: &Recipe, section: &TilingSection) -> Result<bool, RunError> {
+    let by_level = section.level.is_some() || section.volume_fraction.is_some();
+    let is_sheet = |name: &str| {
+        let cell = &recipe.sections().cell[name];
+        let has_thickness = section.thickness.is_some() || cell.thickness.is_some();
+        cell.solid == Some(recipe::Solid::Sheet) && has_thickness
+    };
+    let names = section.cells();
+    let sheets = names.iter().filter(|name| is_sheet(name)).count();
+    if by_level || sheets == 0 || sheets < names.len() {
+        return Ok(false);
+    }
+    let inverted = |name: &&str| recipe.sections().cell[*name].invert == Some(true);
+    let count = names.iter().filter(|name| inverted(name)).count();
+    if count > 0 && count < names.len() {
+        return Err(RunError::Tiling(
+            "tiling: some of the sheets are inverted and some are not; expected all or none".into(),
+        ));
+    }
+    Ok(true)
+}

@@ -1,0 +1,150 @@
+//! The weights of cells over a scaffold: from formulas and fields, or from one cell for each element.
+
+use super::super::error::RunError;
+use super::super::input_files::Inputs;
+use super::super::report::Warning;
+use super::super::scattered_data::Scatter;
+use super::super::spatial_value::Setting;
+use super::Fill;
+use crate::frame::Vec3;
+use crate::recipe::TilingSection;
+
+impl Fill {
+    /// Weights at the places from the shares' formulas and fields.
+    pub(super) fn shares<'s>(
+        &self,
+        inputs: &mut Inputs,
+        section: &TilingSection,
+        setting: &dyn Fn(&str) -> Setting<'s>,
+    ) -> Result<Vec<f64>, RunError> {
+        let count = self.palette.len();
+        let mut weights = vec![0.0; count * self.places.len()];
+        let mut negative: Option<(usize, f64)> = None;
+        for (n, share) in section.transition.iter().enumerate() {
+            let key = format!("tiling.transition.{n}.weight");
+            let values = self.values(inputs, &setting(&key), &share.weight)?;
+            let place = self.palette.iter().position(|e| e.name == share.cell);
+            for (at, w) in values.into_iter().enumerate() {
+                if w < 0.0 && self.counts[at] && negative.is_none_or(|(_, least)| w < least) {
+                    negative = Some((at, w));
+                }
+                weights[at * count + place.unwrap_or(0)] += w.max(0.0);
+            }
+        }
+        if let Some((at, w)) = negative {
+            let p = self.places[at];
+            let message = format!(
+                "tiling: the weight {w} at ({}, {}, {}) is negative and counts as 0",
+                p.x, p.y, p.z
+            );
+            inputs.warn(Warning::WEIGHTS, message)?;
+        }
+        // Only some places count; the others need no sum of their own.
+        let has_sum = |own: &[f64]| own.iter().sum::<f64>() > 0.0;
+        let (known, points): (Vec<usize>, Vec<Vec3>) = (0..self.places.len())
+            .filter(|&at| self.counts[at] && has_sum(&weights[at * count..][..count]))
+            .map(|at| (at, self.places[at]))
+            .unzip();
+        let scatter = Scatter::new(&points);
+        for at in (0..self.places.len()).filter(|&at| !self.counts[at]) {
+            if has_sum(&weights[at * count..][..count]) {
+                continue;
+            }
+            if let Some((near, _)) = scatter.near(self.places[at], 1).first() {
+                let from = known[*near as usize] * count;
+                weights.copy_within(from..from + count, at * count);
+            }
+        }
+        Ok(weights)
+    }
+
+    /// Weights at the places from one cell for each element: at the nodes the mean of the elements
+    /// around, by volume.
+    pub(super) fn assigned<'s>(
+        &self,
+        section: &TilingSection,
+        setting: &dyn Fn(&str) -> Setting<'s>,
+    ) -> Result<Vec<f64>, RunError> {
+        let scaffold = &self.loaded.scaffold;
+        let centres: Vec<Vec3> = scaffold
+            .elements()
+            .map(|e| e.map(e.shape().centroid()).0)
+            .collect();
+        let mut of: Vec<Option<usize>> = vec![None; scaffold.len()];
+        for (n, a) in section.assign.iter().enumerate() {
+            let key = format!("tiling.assign.{n}");
+            let place = self.palette.iter().position(|e| e.name == a.cell);
+            let inside = match &a.region {
+                None => vec![1.0; centres.len()],
+                Some(text) => setting(&format!("{key}.where")).formula(text, &centres)?,
+            };
+            let members = match &a.group {
+                None => None,
+                Some(name) => Some(self.group(name, &key)?),
+            };
+            let mut any = false;
+            for e in 0..scaffold.len() {
+                let listed = members.is_none_or(|m| m.binary_search(&(e as u32)).is_ok());
+                if listed && inside[e] > 0.0 {
+                    of[e] = place;
+                    any = true;
+                }
+            }
+            if !any {
+                return Err(RunError::Tiling(format!("{key}: no element is in it")));
+            }
+        }
+        let count = self.palette.len();
+        let mut weights = vec![vec![0.0; scaffold.nodes().len()]; count];
+        for e in scaffold.elements() {
+            let Some(cell) = of[e.index()] else {
+                return Err(RunError::Tiling(format!(
+                    "tiling.assign: element {} has no cell; begin with an entry for all: \
+                     {{ cell = ... }}",
+                    scaffold.number(e.index())
+                )));
+            };
+            let volume = e.volume().abs();
+            for &n in e.nodes() {
+                weights[cell][n as usize] += volume;
+            }
+        }
+        for node in 0..scaffold.nodes().len() {
+            let sum: f64 = weights.iter().map(|w| w[node]).sum();
+            for own in &mut weights {
+                own[node] /= sum.max(f64::MIN_POSITIVE);
+            }
+        }
+        // A node that no element uses has no weights.
+        let by_cell: Vec<Vec<f64>> = weights.into_iter().map(|w| self.at_places(w)).collect();
+        let mut weights = vec![0.0; count * self.places.len()];
+        for (cell, own) in by_cell.into_iter().enumerate() {
+            for (at, w) in own.into_iter().enumerate() {
+                weights[at * count + cell] = w;
+            }
+        }
+        for own in weights.chunks_exact_mut(count) {
+            if own.iter().sum::<f64>() <= 0.0 {
+                own[0] = 1.0;
+            }
+        }
+        Ok(weights)
+    }
+
+    fn group(&self, name: &str, key: &str) -> Result<&[u32], RunError> {
+        let groups = &self.loaded.groups;
+        let found = groups.iter().find(|g| g.name == name);
+        let found = found.or_else(|| groups.iter().find(|g| g.name.eq_ignore_ascii_case(name)));
+        found.map(|g| g.elements.as_slice()).ok_or_else(|| {
+            let known: Vec<&str> = groups.iter().map(|g| g.name.as_str()).collect();
+            RunError::Tiling(format!(
+                "{key}: the scaffold has no group {name:?}; it has {}",
+                if known.is_empty() {
+                    "none".into()
+                } else {
+                    known.join(", ")
+                }
+            ))
+        })
+    }
+}

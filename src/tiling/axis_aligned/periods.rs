@@ -1,0 +1,144 @@
+//! Where the samples of rows along the axes lie in the periods of a box of equal hexes.
+// Small functions of hot paths, which must be compiled for the processor that their caller is for.
+#![allow(clippy::inline_always)]
+
+use crate::frame::{Aabb, CellPoint, Element, Vec3};
+use crate::scaffold::Scaffold;
+use crate::simd::Lanes;
+
+/// Where the periods lie in world space, and the box that they fill.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Periods {
+    /// Where the reference coordinates are 0.
+    pub centre: Vec3,
+    /// Periods per world unit.
+    pub rate: Vec3,
+    pub room: Aabb,
+}
+
+impl Periods {
+    /// The hexes that a box meets, numbered from the least corner, z fastest.
+    pub fn for_each_hex(&self, region: &Aabb, mut found: impl FnMut(usize)) {
+        let counts = self.room.size().component_mul(&self.rate);
+        let counts = [0, 1, 2].map(|a| counts[a].round() as usize);
+        let along = |axis: usize| {
+            let place = |x: f64| (x - self.room.min[axis]) * self.rate[axis];
+            // Negative places are those of the first hex, if the box reaches it at all.
+            let (first, end) = (place(region.min[axis]), place(region.max[axis]));
+            first.max(0.0) as usize..counts[axis].min((end + 1.0).max(0.0) as usize)
+        };
+        let [x, y, z] = [0, 1, 2].map(along);
+        for (i, j) in x.flat_map(|i| y.clone().map(move |j| (i, j))) {
+            let row = (i * counts[1] + j) * counts[2];
+            z.clone().for_each(|k| found(row + k));
+        }
+    }
+
+    /// Parts of a period at so many steps from a coordinate along an axis, clamped to the box.
+    #[inline(always)]
+    pub fn parts<L: Lanes>(
+        &self,
+        l: L,
+        axis: usize,
+        origin: f64,
+        step: f64,
+        steps: &[f64; 8],
+    ) -> [f32; 8] {
+        let mut parts = [0.0; 8];
+        for half in [0, 4] {
+            let mut four = [0.0; 4];
+            four.copy_from_slice(&steps[half..half + 4]);
+            let ahead = l.mul_four(l.four(four), l.all_four(step));
+            let mut x = l.add_four(ahead, l.all_four(origin));
+            x = l.max_four(x, l.all_four(self.room.min[axis]));
+            x = l.min_four(x, l.all_four(self.room.max[axis]));
+            parts[half..half + 4].copy_from_slice(&self.part(l, axis, x));
+        }
+        parts
+    }
+
+    /// Parts of a period of four coordinates along an axis.
+    #[inline(always)]
+    pub fn part<L: Lanes>(&self, l: L, axis: usize, x: L::D) -> [f32; 4] {
+        let from = l.sub_four(x, l.all_four(self.centre[axis]));
+        let u = l.mul_four(from, l.all_four(self.rate[axis]));
+        let whole = l.floor_four(l.add_four(u, l.all_four(0.5)));
+        l.singles(l.sub_four(u, whole))
+    }
+
+    /// The part of a period of one coordinate along an axis.
+    #[inline(always)]
+    pub fn part_of(&self, axis: usize, x: f64) -> f32 {
+        let u = (x - self.centre[axis]) * self.rate[axis];
+        (u - (u + 0.5).floor()) as f32
+    }
+
+    /// The nearest coordinate in the box.
+    #[inline(always)]
+    pub fn inside(&self, axis: usize, x: f64) -> f64 {
+        x.max(self.room.min[axis]).min(self.room.max[axis])
+    }
+
+    /// How far outside the box a coordinate lies; 0 in its faces, rounding or not. Samples are a step
+    /// apart.
+    #[inline(always)]
+    pub fn beyond(&self, axis: usize, x: f64, step: f64) -> f64 {
+        let d = (self.room.min[axis] - x).max(x - self.room.max[axis]);
+        if d.abs() < 1e-6 * step { 0.0 } else { d }
+    }
+}
+
+/// Steps to the samples of a leaf.
+pub(super) const EACH: [f64; 8] = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0];
+/// To those that follow.
+pub(super) const BEHIND: [f64; 8] = [8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0];
+
+/// The box that the elements fill, a centre and the size of one of them, if they are equal hexes
+/// along the axes that together are a box, turned alike unless the cell does not mind.
+pub(super) fn grid(scaffold: &Scaffold, any_numbering: bool) -> Option<(Aabb, Vec3, Vec3)> {
+    let (mut room, mut size) = (Aabb::EMPTY, None::<Vec3>);
+    let mut centres = Vec::with_capacity(scaffold.len());
+    for element in scaffold.elements() {
+        if element.shape() != Element::Hex || !element.is_affine() {
+            return None;
+        }
+        let (centre, jacobian) = element.map_and_jacobian(CellPoint(Vec3::zeros()));
+        let own = Vec3::from_fn(|a, _| jacobian.row(a).abs().sum());
+        let scale = own.max();
+        let is_axis = |a: usize| {
+            let row = jacobian.row(a);
+            if any_numbering {
+                (row.amax() - own[a]).abs() <= 1e-12 * scale
+            } else {
+                (row[a] - own[a]).abs() <= 1e-12 * scale
+            }
+        };
+        let first = *size.get_or_insert(own);
+        if !(0..3).all(is_axis) || (own - first).amax() > 1e-9 * scale {
+            return None;
+        }
+        room = room.union(Aabb {
+            min: centre.0 - own / 2.0,
+            max: centre.0 + own / 2.0,
+        });
+        centres.push(centre.0);
+    }
+    let size = size?;
+    let counts = room.size().component_div(&size);
+    let number = counts.map(f64::round);
+    let fits = (counts - number).amax() < 1e-6;
+    if !fits || number.product() != centres.len() as f64 {
+        return None;
+    }
+    let mut taken = vec![false; centres.len()];
+    for centre in &centres {
+        let place = (centre - room.min).component_div(&size) - Vec3::repeat(0.5);
+        let index = place.map(f64::round);
+        let at = (index.x * number.y + index.y) * number.z + index.z;
+        let slot = taken.get_mut(at as usize)?;
+        if (place - index).amax() > 1e-6 || std::mem::replace(slot, true) {
+            return None;
+        }
+    }
+    Some((room, centres[0], size))
+}

@@ -1,0 +1,282 @@
+//! Light on what rays met: openness, colours, pixels.
+
+use super::camera::View;
+use super::colormap::Paint;
+use super::render::{Image, Picture};
+use super::samples::Samples;
+use crate::frame::Vec3;
+use crate::progress::{Cancelled, Progress};
+use rayon::prelude::*;
+use std::sync::LazyLock;
+
+/// Rays along each edge of a pixel.
+pub(super) const FINE: usize = 2;
+
+/// Directions and places of samples: many of them.
+pub(super) type Short = nalgebra::Vector3<f32>;
+
+/// What one ray met.
+#[derive(Clone, Copy)]
+pub(super) struct Hit {
+    /// Relative to the eye.
+    pub position: Short,
+    pub normal: Short,
+    pub on_cut: bool,
+    pub lit: bool,
+}
+
+/// How open each sample is to the sky around it: 1 free, 0 buried. Looks at the positions that the first
+/// samples of pixels within `reach` (world units; `radius` pixels at the centre) saw. One sample of each pixel
+/// looks, and those that see something else than it.
+pub(super) fn openness(
+    samples: &Samples,
+    reach: f64,
+    radius: f64,
+    progress: &dyn Progress,
+) -> Result<Vec<f32>, Cancelled> {
+    let [width, height] = samples.size();
+    let around = &Surroundings {
+        samples,
+        reach: reach as f32,
+        radius: radius as f32,
+    };
+    let mut raw = vec![1f32; width * height];
+    raw.par_chunks_mut(width)
+        .enumerate()
+        .try_for_each(|(j, row)| {
+            if progress.cancelled() {
+                return Err(Cancelled);
+            }
+            for (i, out) in row.iter_mut().enumerate() {
+                if let Some(hit) = samples.pixel(i, j) {
+                    *out = around.openness(hit, i, j);
+                }
+            }
+            Ok(())
+        })?;
+    // Mean over 4 x 4 pixels of the same surface takes the turned spirals away.
+    let smoothed = |n: usize| {
+        let (i, j) = (n % width, n / width);
+        let Some(hit) = samples.pixel(i, j) else {
+            return 1.0;
+        };
+        let (mut sum, mut count) = (0.0, 0.0);
+        for y in j.saturating_sub(1)..(j + 3).min(height) {
+            for x in i.saturating_sub(1)..(i + 3).min(width) {
+                if samples.pixel(x, y).is_some_and(|o| is_same(hit, o)) {
+                    sum += raw[y * width + x];
+                    count += 1.0;
+                }
+            }
+        }
+        sum / f32::max(count, 1.0)
+    };
+    let numbers = (0..width * height).into_par_iter().with_min_len(1 << 12);
+    let mut open: Vec<f32> = numbers.map(smoothed).collect();
+    let divided: Vec<usize> = samples.divided().collect();
+    let others = divided.par_iter().with_min_len(1 << 8).flat_map_iter(|&n| {
+        let first = (samples.hits()[n].as_ref(), open[n]);
+        samples.of_pixel(n).skip(1).map(move |other| {
+            let Some(hit) = &samples.hits()[other] else {
+                return 1.0;
+            };
+            match first {
+                (Some(own), open) if is_same(hit, own) => open,
+                _ => around.openness(hit, n % width, n / width),
+            }
+        })
+    });
+    let others: Vec<f32> = others.collect();
+    open.extend(others);
+    Ok(open)
+}
+
+/// Whether two samples look the same way.
+fn is_same(one: &Hit, other: &Hit) -> bool {
+    one.normal.dot(&other.normal) > 0.8
+}
+
+/// What a sample sees around itself.
+struct Surroundings<'a> {
+    samples: &'a Samples,
+    /// World units.
+    reach: f32,
+    /// Pixels.
+    radius: f32,
+}
+
+impl Surroundings<'_> {
+    /// Of a sample in a pixel.
+    fn openness(&self, hit: &Hit, i: usize, j: usize) -> f32 {
+        const TAPS: usize = 16;
+        let [width, height] = self.samples.size();
+        // A spiral, turned differently in each of 4 x 4 pixels.
+        let turn = ((5 * (i % 4) + 11 * (j % 4)) % 16) as f32 / 16.0;
+        let (mut sin, mut cos) = (turn * 2.4).sin_cos();
+        // The golden angle.
+        let (turn_sin, turn_cos) = (0.675_490_3, -0.737_368_9);
+        let farthest = (1.5 * self.reach).powi(2);
+        let mut shade = 0.0;
+        for tap in 0..TAPS {
+            let r = self.radius * (tap as f32 + 0.5 + turn) / (TAPS as f32 + 1.0);
+            let x = i as f32 + 0.5 + r * cos;
+            let y = j as f32 + 0.5 + r * sin;
+            (cos, sin) = (
+                cos * turn_cos - sin * turn_sin,
+                cos * turn_sin + sin * turn_cos,
+            );
+            if x < 0.0 || y < 0.0 || x >= width as f32 || y >= height as f32 {
+                continue;
+            }
+            if let Some(other) = self.samples.pixel(x as usize, y as usize) {
+                let to = other.position - hit.position;
+                let (square, rise) = (to.norm_squared(), hit.normal.dot(&to));
+                if rise > 0.0 && square < farthest {
+                    let near = 1.0 - square / farthest;
+                    let length = square.sqrt().max(1e-6 * self.reach);
+                    shade += (rise / length - 0.08).max(0.0) * near;
+                }
+            }
+        }
+        (1.0 - 1.9 * shade / TAPS as f32).clamp(0.0, 1.0)
+    }
+}
+
+/// Light from everywhere.
+pub(super) struct Lights {
+    key: Short,
+    fill: Short,
+    forward: Short,
+    /// Where a surface looks that mirrors the key light into the eye.
+    half: Short,
+    /// Depth of the nearest and farthest sample.
+    depths: [f32; 2],
+    open: Vec<f32>,
+    paint: Paint,
+}
+
+impl Lights {
+    pub fn none() -> Self {
+        Self {
+            key: Short::z(),
+            fill: Short::z(),
+            forward: Short::z(),
+            half: Short::z(),
+            depths: [0.0, 1.0],
+            open: Vec::new(),
+            paint: Paint::default(),
+        }
+    }
+
+    /// The same on a coloured surface.
+    pub fn with_paint(self, paint: Paint) -> Self {
+        Self { paint, ..self }
+    }
+
+    pub fn new(view: &View, key: Vec3, hits: &[Option<Hit>], open: Vec<f32>) -> Self {
+        let forward: Short = view.forward.cast();
+        let depths = hits.iter().flatten().fold([f32::INFINITY, 0.0], |d, h| {
+            let depth = h.position.dot(&forward);
+            [f32::min(d[0], depth), f32::max(d[1], depth)]
+        });
+        let fill = (view.right * 0.9 + view.up * 0.15 - view.forward * 0.6).normalize();
+        Self {
+            key: key.cast(),
+            fill: fill.cast(),
+            forward,
+            half: (key.cast::<f32>() - forward).normalize(),
+            depths,
+            open,
+            paint: Paint::default(),
+        }
+    }
+
+    /// Linear colour of a sample.
+    fn shade(&self, n: usize, hit: &Hit) -> [f32; 3] {
+        const SURFACE: [f32; 3] = [0.46, 0.55, 0.64];
+        const CUT: [f32; 3] = [0.80, 0.30, 0.10];
+        const GROUND: [f32; 3] = [0.24, 0.20, 0.17];
+        const SKY: [f32; 3] = [0.34, 0.39, 0.46];
+        let open = self.open[n];
+        let shadow = if hit.lit { 1.0 } else { 0.0 };
+        let lit = hit.normal.dot(&self.key).max(0.0) * shadow;
+        let fill = hit.normal.dot(&self.fill).max(0.0);
+        let sky = 0.5 + 0.5 * hit.normal.z;
+        let gloss = 0.12 * hit.normal.dot(&self.half).max(0.0).powi(32) * shadow;
+        let span = (self.depths[1] - self.depths[0]).max(f32::MIN_POSITIVE);
+        let far = (hit.position.dot(&self.forward) - self.depths[0]) / span;
+        let fade = 0.18 * far.clamp(0.0, 1.0);
+        let albedo = match self.paint.colour(n) {
+            _ if hit.on_cut => CUT,
+            Some(own) => own,
+            None => SURFACE,
+        };
+        std::array::from_fn(|c| {
+            let around = (GROUND[c] + (SKY[c] - GROUND[c]) * sky) * open * open;
+            let light = around + 1.05 * lit * (0.4 + 0.6 * open) + 0.2 * fill * open;
+            (albedo[c] * light + gloss) * (1.0 - fade) + 0.75 * fade
+        })
+    }
+}
+
+/// Samples to pixels.
+pub(super) fn develop(picture: &Picture, samples: &Samples, lights: &Lights) -> Image {
+    let mut rgba = vec![0u8; 4 * picture.width * picture.height];
+    rgba.par_chunks_exact_mut(4)
+        .with_min_len(1 << 10)
+        .enumerate()
+        .for_each(|(n, pixel)| {
+            let (mut sum, mut covered, mut all) = ([0f32; 3], 0f32, 0f32);
+            for sample in samples.of_pixel(n) {
+                all += 1.0;
+                if let Some(hit) = &samples.hits()[sample] {
+                    covered += 1.0;
+                    let colour = lights.shade(sample, hit);
+                    (0..3).for_each(|c| sum[c] += colour[c].min(1.0));
+                }
+            }
+            if covered == 0.0 {
+                pixel.fill(if picture.transparent { 0 } else { 255 });
+                return;
+            }
+            for c in 0..3 {
+                let colour = if picture.transparent {
+                    sum[c] / covered
+                } else {
+                    (sum[c] + all - covered) / all
+                };
+                pixel[c] = to_srgb(colour);
+            }
+            pixel[3] = if picture.transparent {
+                (255.0 * covered / all).round() as u8
+            } else {
+                255
+            };
+        });
+    Image {
+        width: picture.width,
+        height: picture.height,
+        rgba,
+    }
+}
+
+fn to_srgb(linear: f32) -> u8 {
+    /// A power takes longer than the rest of a pixel.
+    static TABLE: LazyLock<Vec<u8>> = LazyLock::new(|| {
+        let entries = 0..=STEPS;
+        entries
+            .map(|n| {
+                let v = n as f32 / STEPS as f32;
+                let curve = if v <= 0.003_130_8 {
+                    12.92 * v
+                } else {
+                    1.055 * v.powf(1.0 / 2.4) - 0.055
+                };
+                (255.0 * curve).round() as u8
+            })
+            .collect()
+    });
+    /// A step is less than a twentieth of a level where the curve is steepest.
+    const STEPS: usize = 1 << 16;
+    TABLE[(linear.clamp(0.0, 1.0) * STEPS as f32).round() as usize]
+}
