@@ -1,12 +1,12 @@
-//! The command line program: parses, shows progress, turns signals and errors into manners.
+//! The command line program: parses arguments, shows progress, maps signals and errors to exit codes.
 //!
-//! A subcommand is one file here and one line in the table below. It owns no numbers: flags map to a
-//! recipe's sections, the work is the library's, and what it found comes back as an `Answer`, printed
-//! as text or, with `--json`, as exactly one object. stdout carries results, stderr everything else.
+//! A subcommand is one file here and one line in the table below. Flags map to a recipe's
+//! sections, the library does the work, and its result comes back as an `Answer`, printed as text or, with
+//! `--json`, as exactly one object. stdout carries results, stderr everything else.
 //!
 //! | code | meaning | code | meaning |
 //! |---|---|---|---|
-//! | 0 | done | 70 | a bug of ours |
+//! | 0 | done | 70 | a bug in Druse |
 //! | 1 | a check failed | 73 | output cannot be created |
 //! | 2 | usage | 74 | input or output error |
 //! | 65 | bad input data | 130 | interrupted |
@@ -51,7 +51,7 @@ mod vdb;
 mod vdb_commands;
 mod voxelize;
 
-use context::{Manners, Session};
+use context::{GlobalOptions, Session};
 use failure::Failure;
 use output::Answer;
 
@@ -67,7 +67,7 @@ struct Cli {
     #[command(subcommand)]
     command: Command,
     #[command(flatten)]
-    manners: Manners,
+    options: GlobalOptions,
 }
 
 /// The table of subcommands: name, parameters, and the function that answers.
@@ -143,7 +143,7 @@ pub fn main(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
         Ok(cli) => cli,
         Err(e) => return failure::usage(&e, json),
     };
-    let session = Session::new(cli.manners);
+    let session = Session::new(cli.options);
     failure::hush_panics();
     let command = cli.command;
     let answered = match session.color_grid() {

@@ -12,7 +12,7 @@
 //! | what | convention |
 //! |---|---|
 //! | sign | phi < 0 inside the solid, always |
-//! | distance | world units in code, voxels only where a name says so |
+//! | distance | world units in code, voxels only where the name states it |
 //! | frames | cell, lattice, world, index: see [`frame`]; a type each |
 //! | axis order | (x, y, z); arrays of samples have z fastest |
 //! | winding | triangles counter-clockwise seen from outside |

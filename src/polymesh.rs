@@ -5,9 +5,8 @@
 //! or cross itself in space; its topology may not: every directed edge `(a, b)` occurs once and
 //! `(b, a)` once, and the faces round a vertex make one fan.
 //!
-//! - A face is a loop of vertex numbers, counter-clockwise seen from outside. The loop's first vertex is
-//!   the face's **start vertex**: it is part of the face and survives every operation and file.
-//! - Every face has a **group**, a number from 1. Group 1 is what primitives are made of.
+//! - A face is a loop of vertex numbers, counter-clockwise seen from outside, from its **start vertex** on.
+//! - Every face has a **group**, a number from 1; primitives have group 1.
 //! - `delta`, the **dihedral angle** of an extrusion, is the interior angle between the base face and the
 //!   side planes, in degrees: 90 makes a prism, more flares out, less tapers in.
 //! - **Tiers** are ratios of the mean edge length of the base face; negative ones make pits.
@@ -53,7 +52,7 @@ pub use measure::Summary;
 pub use picture::group_color;
 pub use remesh::{Grouping, Parameter, Remesh, RemeshError, scheme_names};
 pub use script::{
-    Files, GroupBy, LoadOptions, Loaded, NoFiles, Note, Script, ScriptError, VERBS, Workshop,
+    Files, GroupBy, Interpreter, LoadOptions, Loaded, NoFiles, Note, Script, ScriptError, VERBS,
 };
 pub use subdivide::Parts;
 pub use surface::SurfaceError;

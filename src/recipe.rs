@@ -144,7 +144,7 @@ impl Recipe {
         Ok(Self { sections, source })
     }
 
-    /// What the recipe says.
+    /// The sections of the recipe.
     pub fn sections(&self) -> &Sections {
         &self.sections
     }

@@ -41,7 +41,7 @@ mod surface;
 mod topology;
 
 pub use boundary::Boundary;
-pub use defects::{Defects, StrayNode, TornFace};
+pub use defects::{Defects, MisplacedNode, TornFace};
 pub use divide::Divided;
 pub use element::{ElementMap, InverseError};
 pub use kind::{FaceNodes, Kind};
@@ -57,8 +57,8 @@ use map::Geometry;
 use rayon::prelude::*;
 use topology::Topology;
 
-/// Coordinates beyond this are taken for corrupt data: the squares of single precision overflow.
-const LARGEST: f64 = 1e18;
+/// Maximum coordinate: the squares of larger ones overflow in single precision.
+const MAX_COORDINATE: f64 = 1e18;
 /// How far outside an element's face planes a point still belongs to it, in the cell frame.
 pub const INSIDE: f64 = 1e-9;
 
@@ -377,7 +377,7 @@ fn check(nodes: &[Vec3], elements: &Connectivity, planar: bool) -> Result<(), Sc
     }
     if let Some(node) = nodes
         .iter()
-        .position(|p| !p.iter().all(|c| c.abs() < LARGEST))
+        .position(|p| !p.iter().all(|c| c.abs() < MAX_COORDINATE))
     {
         return Err(ScaffoldError::BadNode {
             node,

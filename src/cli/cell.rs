@@ -51,7 +51,7 @@ enum What {
     },
     /// Draw a cell, beside its source: slices with both surfaces, error against coefficients.
     Plot(super::plot::Parameters),
-    /// Effective stiffness, conductivity and permeability of a cell that repeats for ever.
+    /// Effective stiffness, conductivity and permeability of a periodic cell.
     Homogenize(Box<super::homogenize::Parameters>),
 }
 

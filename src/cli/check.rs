@@ -90,7 +90,7 @@ pub(super) fn solid_screen(
     (text, facts, passed)
 }
 
-/// What is said of beams.
+/// The lines and facts on beams.
 fn beam_screen(parts: &[BeamPart], unit: Option<LengthUnit>) -> (String, Value) {
     let beams = || parts.iter().flat_map(|p| &p.beams);
     let balls = || parts.iter().flat_map(|p| &p.balls);
@@ -120,15 +120,15 @@ fn beam_screen(parts: &[BeamPart], unit: Option<LengthUnit>) -> (String, Value) 
             ("hemisphere", BeamCap::Hemisphere),
             ("butt", BeamCap::Butt),
         ];
-        let mut said = Vec::new();
+        let mut ends = Vec::new();
         for (name, cap) in caps {
             let n = beams().flat_map(|b| b.caps).filter(|c| *c == cap).count();
             facts["caps"][name] = json!(n);
             if n > 0 {
-                said.push(format!("{n} {name}"));
+                ends.push(format!("{n} {name}"));
             }
         }
-        let _ = writeln!(text, "; ends: {}", said.join(", "));
+        let _ = writeln!(text, "; ends: {}", ends.join(", "));
     }
     if balls().count() > 0 {
         let radii = range(&mut balls().map(|b| b.1));

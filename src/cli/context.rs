@@ -1,4 +1,4 @@
-//! One invocation: how it talks, and what it is told to do about progress, colour and warnings.
+//! The context of one invocation: output style, progress, colour and treatment of warnings.
 
 use super::Failure;
 use super::progress::{Display, Style};
@@ -13,15 +13,15 @@ use std::str::FromStr;
 /// Flags that every command understands.
 #[allow(clippy::struct_excessive_bools)] // Each is a flag of its own.
 #[derive(Args)]
-pub(super) struct Manners {
+pub(super) struct GlobalOptions {
     /// Print exactly one JSON object on stdout.
-    #[arg(long, global = true, help_heading = "Manners")]
+    #[arg(long, global = true, help_heading = "Global options")]
     pub(super) json: bool,
     /// No progress, no notes on stderr.
-    #[arg(short, long, global = true, help_heading = "Manners")]
+    #[arg(short, long, global = true, help_heading = "Global options")]
     quiet: bool,
     /// How progress is shown on stderr [default: a bar on a terminal, nothing elsewhere].
-    #[arg(long, global = true, value_enum, help_heading = "Manners")]
+    #[arg(long, global = true, value_enum, help_heading = "Global options")]
     progress: Option<Style>,
     /// When to colour messages: auto, always or never; `NO_COLOR` is honoured. For preview also the grid of
     /// floats of a .vdb that colours the surface, as in `cell_id`.
@@ -30,18 +30,18 @@ pub(super) struct Manners {
         global = true,
         value_name = "WHEN",
         default_value = "auto",
-        help_heading = "Manners"
+        help_heading = "Global options"
     )]
     color: Color,
-    /// Say more on stderr: the time of every stage.
-    #[arg(short, long, global = true, action = clap::ArgAction::Count, help_heading = "Manners")]
+    /// Print more on stderr: the time of every stage.
+    #[arg(short, long, global = true, action = clap::ArgAction::Count, help_heading = "Global options")]
     verbose: u8,
     /// Treat warnings as errors.
-    #[arg(long, global = true, help_heading = "Manners")]
+    #[arg(long, global = true, help_heading = "Global options")]
     strict: bool,
     /// Use no instructions that only some processors have: the same bytes from the same .cell on all of
     /// them, more slowly.
-    #[arg(long, global = true, help_heading = "Manners")]
+    #[arg(long, global = true, help_heading = "Global options")]
     portable: bool,
 }
 
@@ -54,7 +54,7 @@ enum Color {
     Always,
     /// Never.
     Never,
-    /// As by itself; something else is coloured by a grid of this name.
+    /// As `Auto`; a preview is also coloured by the grid of this name.
     Grid(String),
 }
 
@@ -72,61 +72,61 @@ impl FromStr for Color {
 
 /// A running invocation.
 pub(super) struct Session {
-    manners: Manners,
+    options: GlobalOptions,
     display: Display,
-    /// Signals that have come.
+    /// Signals received so far.
     pub(super) signals: Signals,
 }
 
 impl Session {
-    pub(super) fn new(manners: Manners) -> Self {
-        if manners.portable {
+    pub(super) fn new(options: GlobalOptions) -> Self {
+        if options.portable {
             crate::simd::use_code(crate::simd::Code::Portable);
         }
         let terminal = std::io::stderr().is_terminal();
-        let style = match manners.progress {
-            _ if manners.quiet => Style::None,
+        let style = match options.progress {
+            _ if options.quiet => Style::None,
             Some(style) => style,
             None if terminal => Style::Bar,
             None => Style::None,
         };
         Self {
-            manners,
+            options,
             display: Display::new(style),
             signals: Signals::listen(),
         }
     }
 
-    /// Whether stdout shall be one JSON object.
+    /// Whether stdout is one JSON object.
     pub(super) fn json(&self) -> bool {
-        self.manners.json
+        self.options.json
     }
 
     /// Whether warnings are errors.
     pub(super) fn strict(&self) -> bool {
-        self.manners.strict
+        self.options.strict
     }
 
-    /// Whether more shall be said.
+    /// Whether more details are printed.
     pub(super) fn verbose(&self) -> bool {
-        self.manners.verbose > 0
+        self.options.verbose > 0
     }
 
     /// Whether stderr is coloured.
     pub(super) fn colored(&self) -> bool {
-        match &self.manners.color {
+        match &self.options.color {
             Color::Always => true,
             Color::Never => false,
             Color::Auto | Color::Grid(_) => {
-                let asked_not = std::env::var_os("NO_COLOR").is_some_and(|v| !v.is_empty());
-                !asked_not && std::io::stderr().is_terminal()
+                let no_color = std::env::var_os("NO_COLOR").is_some_and(|v| !v.is_empty());
+                !no_color && std::io::stderr().is_terminal()
             }
         }
     }
 
     /// The grid that colours a picture, if `--color` names one.
     pub(super) fn color_grid(&self) -> Option<&str> {
-        match &self.manners.color {
+        match &self.options.color {
             Color::Grid(name) => Some(name),
             _ => None,
         }
@@ -134,7 +134,7 @@ impl Session {
 
     /// A line for the user on stderr, unless quiet.
     pub(super) fn note(&self, text: &str) {
-        if !self.manners.quiet {
+        if !self.options.quiet {
             self.display.line(text);
         }
     }
@@ -152,7 +152,7 @@ impl Session {
         ));
     }
 
-    /// A warning of a command's own; an error with `--strict`.
+    /// Prints a warning of one command; an error with `--strict`.
     pub(super) fn warn_of(&self, code: &'static str, message: String) -> Result<(), Failure> {
         if self.strict() {
             return Err(RunError::Strict { code, message }.into());
@@ -167,7 +167,7 @@ impl Session {
     }
 }
 
-/// A pool of so many threads; 0 means one per core.
+/// A pool of `count` threads; 0 means one per core.
 pub(super) fn threads(count: usize) -> Result<Threads, Failure> {
     Threads::new(count).map_err(|e| RunError::Threads(e.to_string()).into())
 }

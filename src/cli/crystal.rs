@@ -8,7 +8,7 @@ use crate::io::{
 };
 use crate::mesh::MeshReport;
 use crate::pipeline::crystal_script;
-use crate::polymesh::{LoadOptions, PolyMesh, Script, Triangulated, Workshop};
+use crate::polymesh::{Interpreter, LoadOptions, PolyMesh, Script, Triangulated};
 use crate::recipe::{Length, PictureSize, Recipe, Scale};
 use crate::vdb::{self, Image, LevelSet, VdbWriter};
 use clap::Args;
@@ -76,12 +76,12 @@ pub(super) struct Parameters {
     threads: usize,
 }
 
-/// Voxels along the longest side where none are asked for.
+/// Default number of voxels along the longest side.
 const FINENESS: f64 = 200.0;
 /// Half width of the band, voxels.
 const HALF_WIDTH: f64 = 3.0;
 /// Triangles beyond which self-intersections are not looked for, which takes longer than all else.
-const SEARCHED: usize = 200_000;
+const MAX_CHECKED_TRIANGLES: usize = 200_000;
 
 /// A script with its place and the unit of its numbers.
 struct Source {
@@ -99,16 +99,16 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
         return view::serve(p, &source, session);
     }
     let files = DiskFiles::new(&source.directory, true);
-    let mut workshop = Workshop::remembering(&files, if p.interactive { 200 } else { 1 });
-    workshop = workshop.watched(session);
-    begin(&mut workshop, &source, p.until, session)?;
+    let mut interpreter = Interpreter::remembering(&files, if p.interactive { 200 } else { 1 });
+    interpreter = interpreter.watched(session);
+    begin(&mut interpreter, &source, p.until, session)?;
     let tools = vdb::Session::new(&threads, session);
     if p.interactive {
         let draw = |mesh: &PolyMesh, path: &Path| write(p, mesh, path, source.unit, tools);
         let met = |mesh: &PolyMesh| touching(mesh, session).ok().flatten().map(|m| m.0);
-        interactive::converse(&mut workshop, session, &draw, &met)?;
+        interactive::converse(&mut interpreter, session, &draw, &met)?;
     }
-    let Some(mesh) = workshop.shared() else {
+    let Some(mesh) = interpreter.shared() else {
         if p.interactive {
             return Ok(Answer::new("", json!({ "kind": "crystal" })));
         }
@@ -143,13 +143,13 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
         .map(|(path, bytes)| json!({ "path": path.display().to_string(), "bytes": bytes }))
         .collect();
     facts["outputs"] = json!(list);
-    facts["steps"] = json!(workshop.steps());
+    facts["steps"] = json!(interpreter.steps());
     Ok(Answer::new(text, facts))
 }
 
-/// Carries out a script, up to and with a line if one is given, and says what its steps had to say.
+/// Runs a script, up to and including a line if one is given, and prints the notes of its steps.
 fn begin(
-    workshop: &mut Workshop,
+    interpreter: &mut Interpreter,
     source: &Source,
     until: Option<usize>,
     session: &Session,
@@ -158,15 +158,15 @@ fn begin(
         let Some((name, value)) = pair.split_once('=') else {
             return Err(Failure::usage(format!("--set {pair}: expected KEY=VALUE")));
         };
-        let set = workshop.set(name.trim(), value);
+        let set = interpreter.set(name.trim(), value);
         set.map_err(|e| Failure::usage(format!("--set {pair}: {e}")))?;
     }
     let script = Script::parse(&source.text);
     let script = script.map_err(|e| Failure::script(&source.path, &source.text, &e))?;
     session.finish();
-    let done = script.run(workshop, until);
+    let done = script.run(interpreter, until);
     done.map_err(|e| Failure::script(&source.path, &source.text, &e))?;
-    for note in workshop.take_notes() {
+    for note in interpreter.take_notes() {
         session.note(&format!(
             "{}:{}: {}",
             source.path.display(),
@@ -264,7 +264,7 @@ fn cut(mesh: &PolyMesh) -> Result<Triangulated, Failure> {
 fn touching(mesh: &PolyMesh, session: &Session) -> Result<Option<(String, Value)>, Failure> {
     let cut = cut(mesh)?;
     let triangles = cut.mesh.triangles().len();
-    if triangles > SEARCHED {
+    if triangles > MAX_CHECKED_TRIANGLES {
         let line = format!(
             "note: with {triangles} triangles it was not looked whether the surface meets itself; druse check FILE does"
         );

@@ -1,11 +1,11 @@
 //! Lines of a user's file as an error shows them: never longer than a screen is wide three times.
 
 /// Characters of a line that are shown.
-const SHOWN: usize = 200;
+const MAX_LINE_CHARS: usize = 200;
 /// Characters of a message that may quote the file.
 const MESSAGE: usize = 800;
 
-/// A line cut to [`SHOWN`] characters around a column (from 1), and a marker to stand below that column.
+/// A line cut to [`MAX_LINE_CHARS`] characters around a column (from 1), and a marker to stand below that column.
 pub(super) fn cut(line: &str, column: Option<u64>) -> (String, Option<String>) {
     // Control characters would move the marker, or the terminal's cursor.
     let characters: Vec<char> = line
@@ -14,9 +14,9 @@ pub(super) fn cut(line: &str, column: Option<u64>) -> (String, Option<String>) {
         .map(|c| if c.is_control() { ' ' } else { c })
         .collect();
     let at = column.map(|c| (c as usize).saturating_sub(1).min(characters.len()));
-    let last = characters.len().saturating_sub(SHOWN);
-    let start = at.unwrap_or(0).saturating_sub(SHOWN / 2).min(last);
-    let end = (start + SHOWN).min(characters.len());
+    let last = characters.len().saturating_sub(MAX_LINE_CHARS);
+    let start = at.unwrap_or(0).saturating_sub(MAX_LINE_CHARS / 2).min(last);
+    let end = (start + MAX_LINE_CHARS).min(characters.len());
     let before = if start > 0 { "..." } else { "" };
     let after = if end < characters.len() { "..." } else { "" };
     let shown: String = characters[start..end].iter().collect();
@@ -49,12 +49,15 @@ mod tests {
         let line = format!("{}?{}", "ä".repeat(5000), "b".repeat(5000));
         for column in [1, 50, 5001, 9990, 10_001] {
             let (shown, marker) = cut(&line, Some(column));
-            assert!(shown.chars().count() <= SHOWN + 6, "{column}");
+            assert!(shown.chars().count() <= MAX_LINE_CHARS + 6, "{column}");
             let under = marker.unwrap().chars().count() - 1;
             let expected = line.chars().nth(column as usize - 1);
             assert_eq!(shown.chars().nth(under), expected, "{column}");
         }
-        assert_eq!(cut(&line, None).0, format!("{}...", "ä".repeat(SHOWN)));
+        assert_eq!(
+            cut(&line, None).0,
+            format!("{}...", "ä".repeat(MAX_LINE_CHARS))
+        );
         assert!(short(&line).chars().count() < MESSAGE + 10);
         assert_eq!(short("ok"), "ok");
     }

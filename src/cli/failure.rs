@@ -15,7 +15,7 @@ use std::sync::Mutex;
 /// Exit codes of failures.
 pub(super) const USAGE: u8 = 2;
 const DATA: u8 = 65;
-const MISSING: u8 = 66;
+const EXIT_NO_INPUT: u8 = 66;
 const BUG: u8 = 70;
 const CREATE: u8 = 73;
 const IO: u8 = 74;
@@ -212,7 +212,7 @@ pub(super) fn hush_panics() {
 impl From<RecipeError> for Failure {
     fn from(e: RecipeError) -> Self {
         let code = match e.fault {
-            RecipeFault::Missing => MISSING,
+            RecipeFault::Missing => EXIT_NO_INPUT,
             RecipeFault::Unreadable => IO,
             RecipeFault::Invalid => DATA,
         };
@@ -260,7 +260,7 @@ impl From<FileError> for Failure {
         let (code, file) = match e {
             FileError::Cancelled(_) => return Self::stopped(130),
             FileError::Io { path, source } if source.kind() == std::io::ErrorKind::NotFound => {
-                (MISSING, path)
+                (EXIT_NO_INPUT, path)
             }
             FileError::Io { path, .. } | FileError::OpenVdb { path, .. } => (IO, path),
             e @ FileError::Leaves(_) => {
@@ -331,7 +331,7 @@ impl From<RunError> for Failure {
             RunError::Empty(_) => (
                 DATA,
                 Some(
-                    "look at the level of the cell, at walls thinner than a voxel, and at distances larger than the part"
+                    "check the level of the cell, walls thinner than a voxel, and distances larger than the part"
                         .into(),
                 ),
             ),

@@ -1,6 +1,8 @@
 //! `druse filter IN.vdb -o OUT OP...`.
 
-use super::vdb_commands::{Draft, GridChoice, answer as told, extent, output_key, path_value};
+use super::vdb_commands::{
+    Draft, GridChoice, answer as report_answer, extent, output_key, path_value,
+};
 use super::{Answer, Failure, Session};
 use crate::recipe::GridWord;
 use clap::Args;
@@ -27,7 +29,7 @@ pub(super) struct Parameters {
     /// Also write so many copies on voxels of twice, four times ... the edge.
     #[arg(long, value_name = "N")]
     lod: Option<u8>,
-    /// Write the connected pieces one by one: grids of the file, or files.
+    /// Write the connected components one by one: grids of the file, or files.
     #[arg(long, value_name = "grids|files")]
     segments: Option<String>,
     /// Also write a USD file beside the .vdb.
@@ -38,7 +40,7 @@ pub(super) struct Parameters {
     threads: usize,
 }
 
-/// Operations that are said by their name alone.
+/// Operations without parameters.
 const FLAGS: [&str; 4] = ["keep_largest", "fill_voids", "prune", "fog"];
 
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
@@ -71,7 +73,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
         extent(&report, unit, unit),
         crate::frame::figures(report.solid.volume)
     ));
-    Ok(told(&report, &lines))
+    Ok(report_answer(&report, &lines))
 }
 
 /// An operation of the command line as the entry of a recipe.

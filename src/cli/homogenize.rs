@@ -1,4 +1,4 @@
-//! `druse cell homogenize X.cell|NAME`: effective properties of a cell that repeats for ever.
+//! `druse cell homogenize X.cell|NAME`: effective properties of a periodic cell.
 //!
 //! Two grids, one half as fine, tell how far the numbers are from those of an infinitely fine one; a sweep
 //! takes one grid at each volume fraction and starts from the solution before.
@@ -29,7 +29,7 @@ mod warnings;
 /// Samples along each edge of a voxel, from which its share of solid comes.
 const FINENESS: usize = 2;
 /// Fewest voxels along the period.
-const LEAST_RESOLUTION: usize = 8;
+const MIN_RESOLUTION: usize = 8;
 
 /// Residual at which derivatives, which err by the residual itself, are known well enough.
 const GRADIENT_RESIDUAL: f64 = 1e-7;
@@ -252,8 +252,8 @@ fn check_resolution(n: usize, settings: &Settings, keeps: bool) -> Result<(), Fa
     let most = free
         .map_or(1024, |m| (m / each).cbrt() as usize / 2 * 2)
         .min(1024);
-    let expected = format!("expected an even number from {LEAST_RESOLUTION} to {most}");
-    if n < LEAST_RESOLUTION || n % 2 == 1 {
+    let expected = format!("expected an even number from {MIN_RESOLUTION} to {most}");
+    if n < MIN_RESOLUTION || n % 2 == 1 {
         return Err(Failure::usage(format!(
             "--resolution: found {n}; {expected}"
         )));
@@ -370,7 +370,7 @@ fn one(
     drop(shares);
     // The finer grid holds the cell; on one half as fine that has too few voxels there is no error estimate.
     let half = p.resolution / 2;
-    let coarse = if half >= LEAST_RESOLUTION && source.period.band_limit() <= half as f64 / 2.0 {
+    let coarse = if half >= MIN_RESOLUTION && source.period.band_limit() <= half as f64 / 2.0 {
         let samples = sampled(source, half, Some(level), session)?;
         let (grid, shares) = (samples.grid(), shares_of(p, &samples));
         Some(properties(grid, &shares, settings, session)?)

@@ -39,7 +39,7 @@ pub(super) fn of(queue: Queue, path: &Path, plan: &BrickPlan, threads: usize) ->
         ),
         Queue::Parallel => (
             "parallel.sh",
-            PARALLEL
+            PARALLEL_SCRIPT
                 .replace("@LAST", &last.to_string())
                 .replace("@LOG", &word(&format!("{stem}.joblog")))
                 .replace("@THREADS", &threads_flag)
@@ -63,7 +63,7 @@ sbatch --dependency="afterok:${bricks%%;*}" --cpus-per-task=@CPUS --mem=@MEGABYT
     --wrap '"$DRUSE" merge "$PLAN"@THREADS'
 "#;
 
-const PARALLEL: &str = r#"#!/bin/sh
+const PARALLEL_SCRIPT: &str = r#"#!/bin/sh
 # Makes the bricks of a plan with GNU parallel, then merges them; run again, it goes on where it was.
 # Flags of this script go to parallel, as in --jobs 4 or --sshlogin. DRUSE names the program.
 set -e

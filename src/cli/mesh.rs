@@ -1,6 +1,8 @@
 //! `druse mesh IN.vdb -o X.stl`.
 
-use super::vdb_commands::{Draft, GridChoice, answer as told, extent, length, path_value, table};
+use super::vdb_commands::{
+    Draft, GridChoice, answer as report_answer, extent, length, path_value, table,
+};
 use super::{Answer, Failure, Session};
 use crate::frame::LengthUnit;
 use crate::recipe::{Fraction, MesherWord, Portion, Size};
@@ -64,5 +66,5 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
         p.output.display(),
         extent(&report, unit, p.out_unit)
     ));
-    Ok(told(&report, &lines))
+    Ok(report_answer(&report, &lines))
 }

@@ -78,7 +78,7 @@ impl Parameters {
                 path,
                 "found a mesh that bounds no solid; expected a closed one without self-intersections",
             )
-            .hint("druse check without --require says where; druse voxelize repairs it"));
+            .hint("druse check without --require lists the places; druse voxelize repairs it"));
         }
         Ok(judge_mesh(
             require,

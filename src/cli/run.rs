@@ -11,7 +11,7 @@ use std::path::PathBuf;
 
 #[derive(Args)]
 pub(super) struct Parameters {
-    /// The recipe (.toml), or the plan (.json) of which bricks are to be made.
+    /// The recipe (.toml), or a plan (.json) whose bricks are to be made.
     recipe: PathBuf,
     /// Override a key of the recipe, as in tiling.cell=octet or op.2.dilate=0.2 (entries of arrays
     /// are numbered from 0).
@@ -94,7 +94,7 @@ fn make_bricks(p: &Parameters, is_plan: bool, session: &Session) -> Result<Answe
     Ok(Answer::new(text, json!({ "made": made, "left": left })))
 }
 
-/// What a run or a merge says at its end.
+/// The summary printed at the end of a run or a merge.
 pub(super) fn reported(report: &Report, session: &Session) -> Answer {
     session.finish();
     for note in report.scaffold.iter().flat_map(|s| &s.notes) {
@@ -142,16 +142,16 @@ pub(super) fn reported(report: &Report, session: &Session) -> Answer {
     }
     if let (Some(n), Some(scaffold)) = (report.band.elements_visited, &report.scaffold) {
         session.note(&format!(
-            "looked at {} of {} elements, in {} leaves at {} points",
-            grouped(n),
-            grouped(scaffold.elements.values().sum()),
+            "evaluated {} samples in {} leaves ({} of {} elements)",
+            grouped(report.band.voxels_evaluated),
             grouped(report.band.leaves_touched),
-            grouped(report.band.voxels_evaluated)
+            grouped(n),
+            grouped(scaffold.elements.values().sum())
         ));
-        if let Some(told) = report.band.leaves_by_nodes.filter(|n| *n > 0) {
+        if let Some(count) = report.band.leaves_by_nodes.filter(|n| *n > 0) {
             session.note(&format!(
-                "{} leaves were told by their cell at a few nodes",
-                grouped(told)
+                "interpolated {} leaves from samples at coarser nodes",
+                grouped(count)
             ));
         }
     }
@@ -176,14 +176,14 @@ fn summary(report: &Report) -> String {
     let solid = &report.solid;
     let seconds: f64 = report.stages.iter().map(|s| s.seconds).sum();
     let unit = &report.unit;
-    // Pieces are not counted in bricks.
-    let pieces = match solid.components {
+    // Components are not counted in bricks.
+    let components = match solid.components {
         0 => String::new(),
-        1 => "1 piece, ".to_owned(),
-        n => format!("{n} pieces, "),
+        1 => "1 component, ".to_owned(),
+        n => format!("{n} components, "),
     };
     format!(
-        "{} active voxels, volume {} {unit}^3, area {} {unit}^2, {pieces}{seconds:.1} s, {}",
+        "{} active voxels, volume {} {unit}^3, area {} {unit}^2, {components}{seconds:.1} s, {}",
         grouped(report.band.active_voxels),
         figures(solid.volume),
         figures(solid.area),
@@ -215,7 +215,7 @@ fn prediction(e: &Estimate) -> String {
     shown.join("\n")
 }
 
-/// A count with its thousands apart.
+/// A count with separated thousands.
 pub(super) fn grouped(n: u64) -> String {
     let digits = n.to_string();
     let mut text = String::new();

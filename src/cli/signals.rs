@@ -1,4 +1,4 @@
-//! Signals: the first one asks the work to stop, the second one ends the program at once.
+//! Signals: the first one cancels the work, the second one ends the program at once.
 
 use signal_hook::consts::{SIGINT, SIGTERM};
 use signal_hook::flag;

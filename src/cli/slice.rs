@@ -125,7 +125,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
         bytes = file.commit()?;
         sliced
     };
-    Ok(told(p, &sliced, bytes))
+    Ok(report_answer(p, &sliced, bytes))
 }
 
 fn head(format: Format, s: &Sliced, to_mm: f64) -> String {
@@ -142,7 +142,7 @@ fn body(format: Format, s: &Sliced, n: usize, layer: &Layer, to_mm: f64) -> Stri
     }
 }
 
-fn told(p: &Parameters, s: &Sliced, bytes: u64) -> Answer {
+fn report_answer(p: &Parameters, s: &Sliced, bytes: u64) -> Answer {
     let shown = p.output.display().to_string();
     let (unit, plan) = (s.unit, &s.plan);
     let text = format!(

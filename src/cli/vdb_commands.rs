@@ -9,7 +9,7 @@ use clap::Args;
 use std::path::Path;
 use toml::{Table, Value};
 
-/// Which surface of an OpenVDB file is meant.
+/// Which surface of an OpenVDB file to use.
 #[derive(Args, Default)]
 pub(super) struct GridChoice {
     /// Name of the grid [default: "surface", the only level set, or the only grid of floats].
@@ -18,7 +18,7 @@ pub(super) struct GridChoice {
     /// The value on the surface of a grid that is no level set [default: 0.5 for a fog volume].
     #[arg(long, value_name = "NUMBER", allow_hyphen_values = true)]
     pub value: Option<f64>,
-    /// Unit of the file's lengths [default: what the file says, else m].
+    /// Unit of the file's lengths [default: the file's, else m].
     #[arg(long)]
     pub unit: Option<LengthUnit>,
     /// Bring a grid that is turned, mirrored, sheared, stretched or a frustum onto cubes: as fine as its voxels, or
@@ -208,7 +208,7 @@ pub(super) fn extent(report: &Report, from: LengthUnit, to: LengthUnit) -> Strin
     }
 }
 
-/// What a command on a file says.
+/// The text that a command on a file prints.
 pub(super) fn answer(report: &Report, lines: &[String]) -> Answer {
     let json = serde_json::to_value(report).unwrap_or_default();
     Answer::new(lines.join("\n"), json)

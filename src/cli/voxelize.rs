@@ -1,6 +1,6 @@
 //! `druse voxelize MESH -o X.vdb --voxel-size LENGTH`.
 
-use super::vdb_commands::{Draft, answer as told, extent, length, path_value, table};
+use super::vdb_commands::{Draft, answer as report_answer, extent, length, path_value, table};
 use super::{Answer, Failure, Session};
 use crate::frame::LengthUnit;
 use clap::Args;
@@ -20,7 +20,7 @@ pub(super) struct Parameters {
     /// Half width of the band in voxels.
     #[arg(long, value_name = "VOXELS", default_value = "3")]
     half_width: crate::recipe::HalfWidth,
-    /// Unit of the mesh's numbers [default: what the file says, else mm].
+    /// Unit of the mesh's numbers [default: the file's, else mm].
     #[arg(long)]
     unit: Option<LengthUnit>,
     /// Unit of the file that is written.
@@ -52,5 +52,5 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
         p.output.display(),
         extent(&report, unit, p.out_unit)
     ));
-    Ok(told(&report, &lines))
+    Ok(report_answer(&report, &lines))
 }

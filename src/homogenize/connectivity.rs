@@ -1,4 +1,4 @@
-//! Connectivity on the torus: whether a phase is one component and along which axes it goes on for ever.
+//! Connectivity on the torus: whether a phase is one component and along which axes it percolates.
 
 use super::grid::Grid;
 use std::collections::BTreeSet;

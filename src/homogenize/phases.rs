@@ -11,7 +11,7 @@ use crate::frame::Vec3;
 use rayon::prelude::*;
 
 /// Slopes along axes are raised by this share of their sum: the formula divides by them.
-const LEAST_SLOPE: f64 = 2e-3;
+const MIN_SLOPE: f64 = 2e-3;
 
 /// Samples of a field over a period.
 #[derive(Clone, Debug)]
@@ -41,7 +41,7 @@ fn below(height: f64, slope: [f64; 3]) -> (f64, f64, [f64; 3]) {
     if total == 0.0 {
         return flat(if height > 0.0 { 1.0 } else { 0.0 });
     }
-    let n = slope.map(|s| s.abs() + LEAST_SLOPE * total);
+    let n = slope.map(|s| s.abs() + MIN_SLOPE * total);
     let half = n.iter().sum::<f64>() / 2.0;
     if height.abs() >= half {
         return flat(if height > 0.0 { 1.0 } else { 0.0 });
@@ -72,7 +72,7 @@ fn below(height: f64, slope: [f64; 3]) -> (f64, f64, [f64; 3]) {
     for a in 0..3 {
         by_n[a] -= share / n[a];
     }
-    let common: f64 = LEAST_SLOPE * by_n.iter().sum::<f64>();
+    let common: f64 = MIN_SLOPE * by_n.iter().sum::<f64>();
     let by_slope = std::array::from_fn(|a| {
         side * (by_n[a] + common) * if slope[a] < 0.0 { -1.0 } else { 1.0 }
     });

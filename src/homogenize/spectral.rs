@@ -2,7 +2,7 @@
 //!
 //! The transforms are real and in single precision: they precondition iterations whose residuals are in
 //! double precision, so that rounding here costs no accuracy. Three passes, each over parts of an array that
-//! nobody else writes: layers across x (transforms along z and y), layers across z (transform along x, the
+//! no other writes: layers across x (transforms along z and y), layers across z (transform along x, the
 //! product, and back), layers across x again. So the result does not depend on the number of threads.
 //!
 //! A field of S components lies layer by layer across x, of each its components over y and z.

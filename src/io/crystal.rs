@@ -1,7 +1,9 @@
 //! Scripts of the polygon stage as files: carried out, they are meshes like any other.
 
 use super::{Place, ReadError, Source, read_polymesh, write_polymesh};
-use crate::polymesh::{Files, LoadOptions, Loaded, Note, PolyMesh, Script, ScriptError, Workshop};
+use crate::polymesh::{
+    Files, Interpreter, LoadOptions, Loaded, Note, PolyMesh, Script, ScriptError,
+};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 
@@ -110,18 +112,18 @@ pub fn carry_out(
         message,
         hint: hint.map(str::to_owned),
     };
-    let mut workshop = Workshop::new(files);
+    let mut interpreter = Interpreter::new(files);
     for (name, value) in set {
-        let set = workshop.set(name, value);
+        let set = interpreter.set(name, value);
         set.map_err(|e| whole(format!("{name} = {value}: {e}"), None))?;
     }
-    Script::parse(text)?.run(&mut workshop, None)?;
-    let notes = workshop.take_notes();
-    let Some(mesh) = workshop.shared() else {
+    Script::parse(text)?.run(&mut interpreter, None)?;
+    let notes = interpreter.take_notes();
+    let Some(mesh) = interpreter.shared() else {
         let hint = "begin with a solid such as cube";
         return Err(whole("no step makes a mesh".into(), Some(hint)));
     };
-    drop(workshop);
+    drop(interpreter);
     Ok((Arc::unwrap_or_clone(mesh), notes))
 }
 

@@ -111,7 +111,7 @@ impl PolyError {
     }
 }
 
-/// Why a face cannot be extruded as asked. Faces count from 0.
+/// Why a face cannot be extruded. Faces count from 0.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum ExtrudeError {
     /// An angle out of range.
@@ -149,8 +149,8 @@ pub enum ExtrudeError {
         /// What was found and expected.
         reason: String,
     },
-    /// What came out is no mesh.
-    #[error("the result is no mesh: {0}")]
+    /// The result is not a valid mesh.
+    #[error("the result is not a valid mesh: {0}")]
     Result(#[from] PolyError),
     /// No face is in the group.
     #[error("no face is selected")]

@@ -11,8 +11,8 @@ use super::tier;
 use super::{ExtrudeError, Faces, PolyMesh, operator};
 use crate::frame::Vec3;
 
-/// Most corners that are made.
-const MOST: usize = 1 << 27;
+/// Maximum number of corners of the result.
+const MAX_CORNERS: usize = 1 << 27;
 
 /// An extrusion and its parameters.
 #[derive(Clone, Debug, PartialEq)]
@@ -187,7 +187,7 @@ impl Extrusion {
                         .ok_or(ExtrudeError::TooMany(u64::from(greatest) + k as u64))?,
                 );
             }
-            if faces.corners.len() > MOST {
+            if faces.corners.len() > MAX_CORNERS {
                 return Err(ExtrudeError::TooMany(faces.corners.len() as u64));
             }
         }

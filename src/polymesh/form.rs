@@ -51,7 +51,7 @@ const RHOMBOHEDRAL: [(&str, &[&str]); 5] = [
 ];
 
 /// The full group of each system's lattice.
-const FULL: [(&str, &str); 7] = [
+const HOLOHEDRIES: [(&str, &str); 7] = [
     ("cubic", "m-3m"),
     ("tetragonal", "4/mmm"),
     ("orthorhombic", "mmm"),
@@ -273,7 +273,10 @@ impl Form {
             value: angles.iter().sum(),
             expected: "three angles that close a cell",
         })?;
-        let own = FULL.iter().find(|row| row.0 == system).map_or("1", |r| r.1);
+        let own = HOLOHEDRIES
+            .iter()
+            .find(|row| row.0 == system)
+            .map_or("1", |r| r.1);
         let name = group.unwrap_or(own);
         let rows: Vec<&(&str, &[&str])> = match system {
             "rhombohedral" => RHOMBOHEDRAL.iter().chain(&GROUPS[..2]).collect(),

@@ -56,13 +56,13 @@ impl History {
         self.at = self.entries.len();
     }
 
-    /// Goes back one step and says which; `None` at the beginning of what is remembered.
+    /// Goes back one step and returns its text; `None` at the beginning of the history.
     pub fn undo(&mut self) -> Option<&str> {
         self.at = self.at.checked_sub(1)?;
         Some(&self.entries[self.at].0)
     }
 
-    /// Goes forward one step and says which; `None` when nothing is undone.
+    /// Goes forward one step and returns its text; `None` when nothing is undone.
     pub fn redo(&mut self) -> Option<&str> {
         let step = self.entries.get(self.at)?;
         self.at += 1;

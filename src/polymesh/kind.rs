@@ -1,10 +1,10 @@
 //! The table of extrusions: topology as data, positions as rules for tiers.
 //!
-//! New vertices stand in rings of one vertex a corner of the base (the tetrahedral apex excepted). A side
+//! New vertices form rings with one vertex per corner of the base (except the tetrahedral apex). A side
 //! face is a list of `(ring, shift)`: ring 0 is the base, `shift` is added to the corner's number. Rows of
 //! side faces run from the base upward, each round the base from its start vertex.
 
-use super::tier::Rise;
+use super::tier::TierRule;
 use std::fmt;
 use std::str::FromStr;
 
@@ -61,12 +61,12 @@ pub(super) type Place = (usize, i32);
 pub(super) struct Row {
     pub kind: Kind,
     pub name: &'static str,
-    /// Corners of the polygon of which the regular solid is made.
+    /// Corners of the regular solid's faces.
     pub corners: usize,
     /// Cosine of the regular solid's dihedral angle: numerator, and square of the denominator.
     cosine: (f64, f64),
     /// One rule a tier.
-    pub tiers: &'static [Rise],
+    pub tiers: &'static [TierRule],
     /// Rings of new vertices: which block of n vertices, and the place of two that alternate.
     pub rings: &'static [Ring],
     /// Rows of side faces; the faces of one row alternate.
@@ -75,7 +75,7 @@ pub(super) struct Row {
     pub top: Option<usize>,
 }
 
-/// Where a ring's vertices stand among the new ones: vertex i is `n first + i stride + offset`.
+/// Position of a ring's vertices in the list of new vertices: vertex i has the index `n first + i stride + offset`.
 #[derive(Clone, Copy)]
 pub(super) struct Ring {
     pub first: usize,
@@ -103,31 +103,31 @@ const fn half(first: usize, offset: usize) -> Ring {
 #[rustfmt::skip]
 const TABLE: [Row; 7] = [
     Row { kind: Kind::Tetrahedral, name: "tetrahedral", corners: 3, cosine: (1.0, 9.0),
-        tiers: &[Rise::Apex], rings: &[Ring { first: 0, stride: 0, offset: 0 }],
+        tiers: &[TierRule::Apex], rings: &[Ring { first: 0, stride: 0, offset: 0 }],
         rows: &[&[&[(0, 0), (0, 1), (1, 0)]]], top: None },
     Row { kind: Kind::Cubical, name: "cubical", corners: 4, cosine: (0.0, 1.0),
-        tiers: &[Rise::Ridge], rings: &[ring(0)],
+        tiers: &[TierRule::Ridge], rings: &[ring(0)],
         rows: &[&[&[(0, 0), (0, 1), (1, 1), (1, 0)]]], top: Some(1) },
     Row { kind: Kind::Octahedral, name: "octahedral", corners: 3, cosine: (-1.0, 9.0),
-        tiers: &[Rise::Slope], rings: &[ring(0)],
+        tiers: &[TierRule::Slope], rings: &[ring(0)],
         rows: &[&[&[(0, 0), (0, 1), (1, 0)]], &[&[(0, 1), (1, 1), (1, 0)]]], top: Some(1) },
     Row { kind: Kind::Dodecahedral, name: "dodecahedral", corners: 5, cosine: (-1.0, 5.0),
-        tiers: &[Rise::Ridge, Rise::Roof, Rise::Crest], rings: &[ring(0), ring(1), ring(2)],
+        tiers: &[TierRule::Ridge, TierRule::Roof, TierRule::Crest], rings: &[ring(0), ring(1), ring(2)],
         rows: &[&[&[(0, 0), (0, 1), (1, 1), (2, 0), (1, 0)]],
                 &[&[(1, 1), (2, 1), (3, 1), (3, 0), (2, 0)]]], top: Some(3) },
     Row { kind: Kind::Icosahedral, name: "icosahedral", corners: 3, cosine: (-5.0, 45.0),
-        tiers: &[Rise::Slope, Rise::LowHinge, Rise::HighHinge], rings: &[ring(0), ring(1), ring(2)],
+        tiers: &[TierRule::Slope, TierRule::LowHinge, TierRule::HighHinge], rings: &[ring(0), ring(1), ring(2)],
         rows: &[&[&[(0, 0), (0, 1), (1, 0)]],
                 &[&[(0, 0), (1, 0), (2, 0)], &[(0, 0), (2, 0), (1, -1)]],
                 &[&[(1, 0), (3, 0), (2, 0)], &[(1, 0), (2, 1), (3, 0)]],
                 &[&[(2, 0), (3, 0), (3, -1)]]], top: Some(3) },
     Row { kind: Kind::Cuboctahedral, name: "cuboctahedral", corners: 4, cosine: (-1.0, 3.0),
-        tiers: &[Rise::Slope, Rise::Flank], rings: &[ring(0), ring(1)],
+        tiers: &[TierRule::Slope, TierRule::Flank], rings: &[ring(0), ring(1)],
         rows: &[&[&[(0, 0), (0, 1), (1, 0)]],
                 &[&[(0, 0), (1, 0), (2, 0), (1, -1)]],
                 &[&[(1, 0), (2, 1), (2, 0)]]], top: Some(2) },
     Row { kind: Kind::SmallRhombicuboctahedral, name: "small_rhombicuboctahedral", corners: 4, cosine: (-1.0, 2.0),
-        tiers: &[Rise::Fold, Rise::Refold, Rise::Close],
+        tiers: &[TierRule::Fold, TierRule::Refold, TierRule::Close],
         rings: &[half(0, 0), half(0, 1), half(2, 0), half(2, 1), ring(4)],
         rows: &[&[&[(0, 0), (0, 1), (1, 1), (2, 0)]],
                 &[&[(0, 0), (2, 0), (1, 0)]],
@@ -163,7 +163,7 @@ impl Kind {
         self.row().tiers.len()
     }
 
-    /// Corners of the polygon of which it makes the regular solid.
+    /// Corners of the faces of its regular solid.
     pub fn corners(self) -> usize {
         self.row().corners
     }

@@ -268,7 +268,7 @@ impl Rule {
     }
 }
 
-/// Points, of which some may be unused, and faces; face 0 is the image of the base.
+/// Points (some may be unused) and faces; face 0 is the image of the base.
 struct Made {
     points: Vec<Vec3>,
     faces: Vec<Vec<u32>>,

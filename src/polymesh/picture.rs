@@ -9,17 +9,17 @@ use crate::frame::Vec3;
 use crate::mesh::MeshError;
 
 /// Samples along each side of a pixel.
-const FINE: usize = 2;
-/// From where one looks: to the eye.
-const TOWARDS: [f64; 3] = [0.74, 0.5, 0.45];
+const SAMPLES_PER_PIXEL_EDGE: usize = 2;
+/// Direction from the model to the viewer.
+const VIEW_DIRECTION: [f64; 3] = [0.74, 0.5, 0.45];
 /// To the light, along the picture's right, up and towards the eye.
 const LIGHT: [f64; 3] = [0.3, 0.6, 0.74];
 /// Half the angle of view, radians.
 const HALF_ANGLE: f64 = 0.26;
 /// Share of the picture left free on each side.
 const MARGIN: f64 = 0.04;
-/// The sample of no face.
-const NONE: u32 = u32::MAX;
+/// A sample that shows no face.
+const NO_FACE: u32 = u32::MAX;
 
 /// The colour of a group, red, green and blue from 0 to 1: hues a golden section apart.
 pub fn group_color(group: u32) -> [f64; 3] {
@@ -46,7 +46,7 @@ impl PolyMesh {
     /// # Errors
     /// As [`PolyMesh::triangulated`].
     pub fn picture(&self, width: usize, height: usize) -> Result<Vec<u8>, MeshError> {
-        let back = Vec3::from(TOWARDS).normalize();
+        let back = Vec3::from(VIEW_DIRECTION).normalize();
         let right = Vec3::z().cross(&back).normalize();
         let axes = [right, back.cross(&right), back];
         let cut = self.triangulated()?;
@@ -72,7 +72,10 @@ impl PolyMesh {
             )
         };
         let frame = [range(0), range(1)];
-        let fine = [width * FINE, height * FINE];
+        let fine = [
+            width * SAMPLES_PER_PIXEL_EDGE,
+            height * SAMPLES_PER_PIXEL_EDGE,
+        ];
         let fill = 1.0 - 2.0 * MARGIN;
         let scale = (0..2)
             .map(|k| fill * fine[k] as f64 / (frame[k].1 - frame[k].0).max(1e-9 * radius))
@@ -105,7 +108,7 @@ impl Samples {
         Self {
             columns,
             rows,
-            face: vec![NONE; columns * rows],
+            face: vec![NO_FACE; columns * rows],
             near: vec![0.0; columns * rows],
         }
     }
@@ -150,17 +153,24 @@ impl Samples {
 
     /// Means of the samples, edges darkened by a share.
     fn pixels(&self, colors: &[[f64; 3]], ink: f64) -> Vec<u8> {
-        let (width, height) = (self.columns / FINE, self.rows / FINE);
+        let (width, height) = (
+            self.columns / SAMPLES_PER_PIXEL_EDGE,
+            self.rows / SAMPLES_PER_PIXEL_EDGE,
+        );
         let mut pixels = Vec::with_capacity(4 * width * height);
         for (row, column) in (0..height).flat_map(|r| (0..width).map(move |c| (r, c))) {
             let mut sum = [0.0; 3];
-            for k in 0..FINE * FINE {
-                let n = (row * FINE + k / FINE) * self.columns + column * FINE + k % FINE;
+            for k in 0..SAMPLES_PER_PIXEL_EDGE * SAMPLES_PER_PIXEL_EDGE {
+                let n = (row * SAMPLES_PER_PIXEL_EDGE + k / SAMPLES_PER_PIXEL_EDGE) * self.columns
+                    + column * SAMPLES_PER_PIXEL_EDGE
+                    + k % SAMPLES_PER_PIXEL_EDGE;
                 let color = colors.get(self.face[n] as usize).unwrap_or(&[255.0; 3]);
                 let kept = if self.is_edge(n) { 1.0 - ink } else { 1.0 };
                 (0..3).for_each(|c| sum[c] += color[c] * kept);
             }
-            pixels.extend(sum.map(|c| (c / (FINE * FINE) as f64).round() as u8));
+            pixels.extend(sum.map(|c| {
+                (c / (SAMPLES_PER_PIXEL_EDGE * SAMPLES_PER_PIXEL_EDGE) as f64).round() as u8
+            }));
             pixels.push(255);
         }
         pixels

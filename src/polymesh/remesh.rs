@@ -64,7 +64,7 @@ pub struct Remesh {
     pub grouping: Grouping,
 }
 
-/// Why a mesh cannot be remeshed as asked.
+/// Why a mesh cannot be remeshed.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum RemeshError {
     /// No such scheme.
@@ -108,8 +108,8 @@ pub enum RemeshError {
     /// Too much to make.
     #[error("the mesh would have {0} corners; expected at most 134217728")]
     TooMany(u64),
-    /// What came out is no mesh.
-    #[error("{scheme} of this mesh is no mesh: {error}")]
+    /// The result is not a valid mesh.
+    #[error("{scheme} of this mesh is not a valid mesh: {error}")]
     Result {
         /// The scheme.
         scheme: String,
@@ -118,8 +118,8 @@ pub enum RemeshError {
     },
 }
 
-/// Most corners that are made.
-const MOST: u64 = 1 << 27;
+/// Maximum number of corners of the result.
+const MAX_CORNERS: u64 = 1 << 27;
 
 /// Names of all schemes, duals left out.
 pub fn scheme_names() -> Vec<&'static str> {
@@ -208,11 +208,11 @@ impl Remesh {
     /// The new mesh.
     ///
     /// # Errors
-    /// [`RemeshError`]: too large, no parents where they are asked for, or a mesh too poor for the scheme,
+    /// [`RemeshError`]: too large, no parents where the grouping needs them, or a mesh too poor for the scheme,
     /// such as the dual of a two-sided polygon.
     pub fn of(&self, mesh: &PolyMesh) -> Result<PolyMesh, RemeshError> {
         let corners = mesh.twins.len() as u64 * self.row().growth;
-        if corners > MOST {
+        if corners > MAX_CORNERS {
             return Err(RemeshError::TooMany(corners));
         }
         let classes = self.classes().len();
@@ -241,7 +241,7 @@ impl Remesh {
         let inner = plain(face::dual(&Old::new(mesh), &[]).map_err(fault)?)?;
         let middle = plain((self.row().rule)(&Old::new(&inner), &self.values).map_err(fault)?)?;
         let mut made = face::dual(&Old::new(&middle), &[]).map_err(fault)?;
-        made.parents.fill(NONE);
+        made.parents.fill(NO_PARENT);
         let groups = self.groups(&made, mesh)?;
         PolyMesh::new(made.vertices, made.faces, groups).map_err(fault)
     }
@@ -281,8 +281,8 @@ impl fmt::Display for Remesh {
     }
 }
 
-/// A face that comes from no single one.
-const NONE: u32 = u32::MAX;
+/// The parent of a face that does not come from a single old face.
+const NO_PARENT: u32 = u32::MAX;
 
 /// The old mesh with its neighbourhoods.
 struct Old<'a> {

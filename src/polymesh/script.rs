@@ -10,12 +10,12 @@
 //! expressions (angles in degrees). [`VERBS`] lists the steps.
 //!
 //! ```
-//! use druse::polymesh::{NoFiles, Script, Workshop};
+//! use druse::polymesh::{NoFiles, Script, Interpreter};
 //! let script = Script::parse("param n = 1\ncube\nrepeat n { extrude tetrahedral group=1 }").unwrap();
-//! let mut workshop = Workshop::new(&NoFiles);
-//! workshop.set("n", "1").unwrap();
-//! script.run(&mut workshop, None).unwrap();
-//! assert_eq!(workshop.mesh().unwrap().face_count(), 24);
+//! let mut interpreter = Interpreter::new(&NoFiles);
+//! interpreter.set("n", "1").unwrap();
+//! script.run(&mut interpreter, None).unwrap();
+//! assert_eq!(interpreter.mesh().unwrap().face_count(), 24);
 //! let error = Script::parse("cube\nextrud cubical group=1").unwrap_err();
 //! assert_eq!(error.to_string(), "line 2: no step is called \"extrud\"; did you mean \"extrude\"?");
 //! ```
@@ -62,10 +62,10 @@ pub const VERBS: &[(&str, &str)] = &[
     ("save", "FILE"),
 ];
 
-/// Faces beyond which a step takes long enough to be told.
-const WATCHED: usize = 10_000;
-/// Most steps that a script may take, loops unrolled.
-const MOST_STEPS: usize = 100_000;
+/// Face count above which each step reports progress.
+const PROGRESS_MIN_FACES: usize = 10_000;
+/// Maximum number of steps of a script, loops unrolled.
+const MAX_STEPS: usize = 100_000;
 
 /// What is wrong with a script, and where.
 #[derive(Clone, Debug, PartialEq)]
@@ -163,7 +163,7 @@ pub struct Note {
 
 /// Where steps are carried out: the model, its history, parameters and notes.
 #[derive(Clone)]
-pub struct Workshop<'a> {
+pub struct Interpreter<'a> {
     history: History,
     files: &'a dyn Files,
     parameters: BTreeMap<String, f64>,
@@ -173,13 +173,13 @@ pub struct Workshop<'a> {
     progress: &'a dyn Progress,
 }
 
-impl<'a> Workshop<'a> {
-    /// An empty workshop that remembers one step: enough for a script.
+impl<'a> Interpreter<'a> {
+    /// An empty interpreter that remembers one step: enough for a script.
     pub fn new(files: &'a dyn Files) -> Self {
         Self::remembering(files, 1)
     }
 
-    /// An empty workshop that remembers so many steps to undo.
+    /// An empty interpreter that remembers so many steps to undo.
     pub fn remembering(files: &'a dyn Files, steps: usize) -> Self {
         Self {
             history: History::new(steps),
@@ -192,15 +192,18 @@ impl<'a> Workshop<'a> {
         }
     }
 
-    /// The same workshop, which tells its steps on large meshes, and stops between two when told to.
+    /// Reports each step on a large mesh to `progress`, and stops between two steps when that is cancelled.
     #[must_use]
     pub fn watched(self, progress: &'a dyn Progress) -> Self {
         Self { progress, ..self }
     }
 
-    /// Says that a step begins; whether it may.
+    /// Reports the start of a step; false if the run was cancelled.
     fn begins(&self, step: &str) -> bool {
-        if self.mesh().is_some_and(|m| m.face_count() > WATCHED) {
+        if self
+            .mesh()
+            .is_some_and(|m| m.face_count() > PROGRESS_MIN_FACES)
+        {
             self.progress.stage(step, None);
         }
         !self.progress.cancelled()
@@ -307,9 +310,13 @@ impl Script {
     ///
     /// # Errors
     /// [`ScriptError`] at the step that cannot be done; the model stays as it was before it.
-    pub fn run(&self, workshop: &mut Workshop, until: Option<usize>) -> Result<(), ScriptError> {
+    pub fn run(
+        &self,
+        interpreter: &mut Interpreter,
+        until: Option<usize>,
+    ) -> Result<(), ScriptError> {
         let known = self.parameters();
-        for name in workshop.overrides.keys() {
+        for name in interpreter.overrides.keys() {
             if !known.contains(&name.as_str()) {
                 let list = if known.is_empty() {
                     "none".to_owned()
@@ -324,12 +331,12 @@ impl Script {
                 });
             }
         }
-        items(&self.items, workshop, until.unwrap_or(usize::MAX)).map(|_| ())
+        items(&self.items, interpreter, until.unwrap_or(usize::MAX)).map(|_| ())
     }
 }
 
 /// Carries items out; whether to go on.
-fn items(list: &[Item], workshop: &mut Workshop, until: usize) -> Result<bool, ScriptError> {
+fn items(list: &[Item], interpreter: &mut Interpreter, until: usize) -> Result<bool, ScriptError> {
     for item in list {
         match item {
             Item::Parameter { line, .. } | Item::Repeat { line, .. } if *line > until => {
@@ -341,11 +348,11 @@ fn items(list: &[Item], workshop: &mut Workshop, until: usize) -> Result<bool, S
                 line,
                 column,
             } => {
-                let value = match workshop.overrides.get(name) {
+                let value = match interpreter.overrides.get(name) {
                     Some(&value) => value,
-                    None => argument::number(value, workshop, *line, *column)?,
+                    None => argument::number(value, interpreter, *line, *column)?,
                 };
-                workshop.parameters.insert(name.clone(), value);
+                interpreter.parameters.insert(name.clone(), value);
             }
             Item::Repeat {
                 count,
@@ -353,7 +360,7 @@ fn items(list: &[Item], workshop: &mut Workshop, until: usize) -> Result<bool, S
                 line,
                 column,
             } => {
-                let times = argument::number(count, workshop, *line, *column)?;
+                let times = argument::number(count, interpreter, *line, *column)?;
                 if times.fract() != 0.0 || !(0.0..=1e5).contains(&times) {
                     return Err(ScriptError {
                         line: *line,
@@ -365,7 +372,7 @@ fn items(list: &[Item], workshop: &mut Workshop, until: usize) -> Result<bool, S
                     });
                 }
                 for _ in 0..times as usize {
-                    if !items(body, workshop, until)? {
+                    if !items(body, interpreter, until)? {
                         return Ok(false);
                     }
                 }
@@ -374,14 +381,14 @@ fn items(list: &[Item], workshop: &mut Workshop, until: usize) -> Result<bool, S
                 if statement.line > until {
                     return Ok(false);
                 }
-                workshop.steps += 1;
-                if workshop.steps > MOST_STEPS {
-                    return Err(statement.fault(0, format!("more than {MOST_STEPS} steps")));
+                interpreter.steps += 1;
+                if interpreter.steps > MAX_STEPS {
+                    return Err(statement.fault(0, format!("more than {MAX_STEPS} steps")));
                 }
-                if !workshop.begins(&statement.text) {
+                if !interpreter.begins(&statement.text) {
                     return Err(statement.fault(0, "stopped before this step"));
                 }
-                step::carry_out(statement, workshop)?;
+                step::carry_out(statement, interpreter)?;
             }
         }
     }

@@ -15,8 +15,8 @@ pub const PLATONIC: [&str; 5] = [
     "icosahedron",
 ];
 
-/// Most corners that a seed may have: more is a slip of the keyboard.
-const MOST: usize = 1 << 24;
+/// Maximum number of corners of a seed; larger numbers are typing errors.
+const MAX_CORNERS: usize = 1 << 24;
 
 /// Why a seed cannot be made.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -198,7 +198,7 @@ fn positive(name: &'static str, value: f64) -> Result<f64, SeedError> {
 }
 
 fn corners(n: usize) -> Result<usize, SeedError> {
-    if (3..=MOST / 8).contains(&n) {
+    if (3..=MAX_CORNERS / 8).contains(&n) {
         Ok(n)
     } else {
         Err(SeedError::Count {
@@ -323,7 +323,7 @@ pub fn grid(counts: [usize; 3], edge: f64) -> Result<PolyMesh, SeedError> {
         .fold(0, usize::saturating_add);
     if let Some(&value) = counts
         .iter()
-        .find(|&&c| c == 0 || c > MOST || squares > MOST)
+        .find(|&&c| c == 0 || c > MAX_CORNERS || squares > MAX_CORNERS)
     {
         return Err(SeedError::Count {
             name: "counts",
@@ -382,7 +382,7 @@ pub fn torus(major: f64, minor: f64, counts: [usize; 2]) -> Result<PolyMesh, See
     }
     let [n, m] = counts;
     for value in counts {
-        if value < 3 || n.saturating_mul(m) > MOST {
+        if value < 3 || n.saturating_mul(m) > MAX_CORNERS {
             return Err(SeedError::Count {
                 name: "counts",
                 value,

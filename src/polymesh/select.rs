@@ -15,7 +15,7 @@ use crate::mesh::{MeshSolid, TriMesh};
 use std::cell::RefCell;
 use std::collections::HashMap;
 
-/// What a selection looks at.
+/// The mesh and history that a selection is evaluated on.
 pub(super) struct Scene<'a> {
     pub mesh: &'a PolyMesh,
     /// The first face of the last operation.

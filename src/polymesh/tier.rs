@@ -1,4 +1,4 @@
-//! Where the vertices of a tier stand: one rule each, for any polygon.
+//! Positions of the vertices of a tier of an extrusion: one rule per kind of tier, for any polygon.
 //!
 //! Tier k has the length `t_k` L. The factors sqrt(3)/2, cos 54 degrees and sqrt 2 make every new edge of
 //! length L on the regular solid's polygon when t = 1; on tiers above mid-edges t is thus a ratio of slant
@@ -7,9 +7,10 @@
 use super::polygon::{Hinge, Polygon, mean, meet, unit};
 use crate::frame::Vec3;
 
-/// How a tier rises from those below it.
+/// Rule that places the vertices of a tier over those below it. `b_i` is corner i of the base, L its mean
+/// edge length, t the tier's ratio, `u_i` the slope direction of edge i, `d_i` the ridge direction of corner i.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Rise {
+pub(super) enum TierRule {
     /// One point: the mean over the edges of middle + sqrt(3)/2 t L `u_i`.
     Apex,
     /// `b_i` + t L `d_i`.
@@ -18,13 +19,13 @@ pub(super) enum Rise {
     Slope,
     /// Middle of the tier's vertices i and i+1 below + cos 54 t L `u_i`.
     Roof,
-    /// From the roof along the meet of the planes of two neighbouring pentagons.
+    /// From the roof along the intersection of the planes of two neighbouring pentagons.
     Crest,
-    /// From corner i along the meet of hinges on the edges to the slopes beside it.
+    /// From corner i along the intersection of the hinge planes on the edges to the adjacent slopes.
     LowHinge,
-    /// From slope i along the meet of hinges on the edges to the corners' vertices above.
+    /// From slope i along the intersection of the hinge planes on the edges to the corners' vertices above.
     HighHinge,
-    /// `b_i` + sqrt 2 t L towards the middle of the slopes beside it.
+    /// `b_i` + sqrt 2 t L towards the midpoint of the adjacent slopes.
     Flank,
     /// Two points a corner: `b_i` + t L along the side planes of the edges before and after it.
     Fold,
@@ -34,54 +35,54 @@ pub(super) enum Rise {
     Close,
 }
 
-/// New vertices on a polygon, tier by tier.
-pub(super) struct Raised {
-    /// All of them in the order of the table's rings.
+/// The vertices of all tiers over one polygon.
+pub(super) struct TierPoints {
+    /// The vertices in the order of the table's rings.
     pub points: Vec<Vec3>,
-    /// The direction in which each vertex of the last tier rose.
+    /// Unit direction from below to each vertex of the last tier.
     pub directions: Vec<Vec3>,
 }
 
-/// Raises the tiers of a kind on a polygon.
+/// Computes the tiers of a kind of extrusion over a polygon.
 ///
 /// # Errors
 /// Where a direction is undefined.
 pub(super) fn raise(
     base: &Polygon,
-    rules: &[Rise],
+    rules: &[TierRule],
     delta: f64,
     tiers: &[f64],
-) -> Result<Raised, String> {
-    let mut tower = Tower {
+) -> Result<TierPoints, String> {
+    let mut builder = TierBuilder {
         base,
         delta,
         made: Vec::new(),
         directions: Vec::new(),
     };
     for (&rule, &t) in rules.iter().zip(tiers) {
-        let tier = tower.tier(rule, t * base.length)?;
-        tower.made.push(tier);
+        let tier = builder.tier(rule, t * base.length)?;
+        builder.made.push(tier);
     }
-    Ok(Raised {
-        points: tower.made.concat(),
-        directions: tower.directions,
+    Ok(TierPoints {
+        points: builder.made.concat(),
+        directions: builder.directions,
     })
 }
 
-struct Tower<'a> {
+struct TierBuilder<'a> {
     base: &'a Polygon,
     delta: f64,
     made: Vec<Vec<Vec3>>,
     directions: Vec<Vec3>,
 }
 
-impl Tower<'_> {
+impl TierBuilder<'_> {
     /// Tier `k` from below.
     fn below(&self, k: usize) -> &[Vec3] {
         &self.made[k]
     }
 
-    fn tier(&mut self, rule: Rise, reach: f64) -> Result<Vec<Vec3>, String> {
+    fn tier(&mut self, rule: TierRule, reach: f64) -> Result<Vec<Vec3>, String> {
         let (base, delta) = (self.base, self.delta);
         let n = base.len();
         let slope = 3f64.sqrt() / 2.0;
@@ -90,31 +91,31 @@ impl Tower<'_> {
         let starts: Vec<Vec3>;
         let mut factor = 1.0;
         let directions: Vec<Vec3> = match rule {
-            Rise::Apex => {
+            TierRule::Apex => {
                 let tips: Vec<Vec3> = (0..n)
                     .map(|i| base.middle(i) + slope * reach * base.slope(i, delta))
                     .collect();
                 self.directions = vec![base.normal];
                 return Ok(vec![mean(&tips)]);
             }
-            Rise::Ridge => {
+            TierRule::Ridge => {
                 starts = base.points.clone();
                 (0..n)
                     .map(|i| base.ridge(i, delta))
                     .collect::<Result<_, _>>()?
             }
-            Rise::Slope => {
+            TierRule::Slope => {
                 factor = slope;
                 starts = (0..n).map(|i| base.middle(i)).collect();
                 (0..n).map(|i| base.slope(i, delta)).collect()
             }
-            Rise::Roof => {
+            TierRule::Roof => {
                 factor = 54f64.to_radians().cos();
                 let low = self.below(0);
                 starts = (0..n).map(|i| (low[i] + low[after(i)]) / 2.0).collect();
                 (0..n).map(|i| base.slope(i, delta)).collect()
             }
-            Rise::Crest => {
+            TierRule::Crest => {
                 let (low, high) = (self.below(0), self.below(1));
                 starts = high.to_vec();
                 let plane = |i: usize| {
@@ -132,7 +133,7 @@ impl Tower<'_> {
                     .map(|i| defined(meet(plane(i), plane(after(i))), i))
                     .collect::<Result<_, _>>()?
             }
-            Rise::LowHinge => {
+            TierRule::LowHinge => {
                 let low = self.below(0);
                 starts = base.points.clone();
                 let outward = self.triangles(low)?;
@@ -145,7 +146,7 @@ impl Tower<'_> {
                     })
                     .collect::<Result<_, _>>()?
             }
-            Rise::HighHinge => {
+            TierRule::HighHinge => {
                 let (low, high) = (self.below(0), self.below(1));
                 starts = low.to_vec();
                 let face = |a: Vec3, b: Vec3, c: Vec3| unit((b - a).cross(&(c - a)));
@@ -161,7 +162,7 @@ impl Tower<'_> {
                     })
                     .collect::<Result<_, _>>()?
             }
-            Rise::Flank => {
+            TierRule::Flank => {
                 factor = 2f64.sqrt();
                 let low = self.below(0);
                 starts = base.points.clone();
@@ -172,15 +173,15 @@ impl Tower<'_> {
                     })
                     .collect::<Result<_, _>>()?
             }
-            Rise::Fold => {
+            TierRule::Fold => {
                 starts = base.points.iter().flat_map(|&b| [b, b]).collect();
                 self.folds(1)
             }
-            Rise::Refold => {
+            TierRule::Refold => {
                 starts = self.below(0).to_vec();
                 self.folds(2)
             }
-            Rise::Close => {
+            TierRule::Close => {
                 let low = self.below(1);
                 let folds = self.folds(3);
                 let pairs = low.chunks(2).zip(folds.chunks(2));

@@ -1,7 +1,7 @@
 //! Faces as triangles, for export and for level sets.
 //!
 //! Triangles stay; planar convex faces become fans from their start vertex; planar faces with reflex
-//! corners are cut by ears in their plane; others are fanned about their centre where that sees all
+//! corners are cut by corners in their plane; others are fanned about their centre where that sees all
 //! edges. Triangles without area are left out.
 
 use super::PolyMesh;
@@ -90,9 +90,12 @@ fn cut(points: &[Vec3]) -> Cut {
         let p = p - centre;
         [p.dot(&x), p.dot(&y)]
     });
-    let mut ears: Vec<usize> = Vec::new();
-    earcut::Earcut::new().earcut(flat, &[], &mut ears);
-    let list: Vec<[usize; 3]> = ears.chunks_exact(3).map(|t| [t[0], t[1], t[2]]).collect();
+    let mut corners: Vec<usize> = Vec::new();
+    earcut::Earcut::new().earcut(flat, &[], &mut corners);
+    let list: Vec<[usize; 3]> = corners
+        .chunks_exact(3)
+        .map(|t| [t[0], t[1], t[2]])
+        .collect();
     let covered: f64 = list
         .iter()
         .map(|t| {
@@ -100,7 +103,7 @@ fn cut(points: &[Vec3]) -> Cut {
             (b - a).cross(&(c - a)).dot(&normal)
         })
         .sum();
-    // A polygon that crosses itself has no ears everywhere, and one with straight corners loses them:
+    // A polygon that crosses itself has no corners everywhere, and one with straight corners loses them:
     // a fan keeps the surface closed.
     let all = list.len() == n - 2 && (covered.abs() - area.norm()).abs() <= 1e-9 * area.norm();
     if !all {

@@ -9,7 +9,7 @@ use std::fmt;
 use std::marker::PhantomData;
 use std::ops::Deref;
 
-/// A table of parameters that is fully said by its first one.
+/// A table of parameters that can be written as its first one alone.
 pub trait Short {
     /// The first parameter: a number, a string, a flag or an array, never a table.
     type First: DeserializeOwned + JsonSchema;

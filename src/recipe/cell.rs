@@ -152,7 +152,7 @@ pub struct CellSection {
     #[cfg_attr(feature = "cli", arg(long))]
     pub thickness: Option<Size>,
     /// Form of the struts of a graph and of plates: "round" makes beams and plates in space, "fitted" a
-    /// Fourier series in the element. Left out: round where a thickness in units of length is asked, here or
+    /// Fourier series in the element. Left out: round where a thickness is given in units of length, here or
     /// in `[tiling]`, else fitted. Round beams take a volume fraction too, one number for all struts.
     #[cfg_attr(feature = "cli", arg(skip))]
     pub section: Option<Section>,
@@ -185,7 +185,7 @@ pub enum Solid {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Section {
-    /// Round beams in world space, of exactly the diameter asked for; plates likewise.
+    /// Round beams in world space, of exactly the given diameter; plates likewise.
     Round,
     /// A Fourier series fitted in the reference element; the element's map distorts it.
     Fitted,
@@ -351,8 +351,8 @@ impl CellSection {
     pub fn own_element(&self) -> Option<crate::frame::Element> {
         use crate::frame::Element;
         let of_group = |g: &str| (g == "Ih").then_some(Element::Ball);
-        let asked = self.element.map(Element::from);
-        asked.or_else(|| self.group.as_deref().and_then(of_group))
+        let named = self.element.map(Element::from);
+        named.or_else(|| self.group.as_deref().and_then(of_group))
     }
 
     /// Names of the sources that are given.
@@ -377,13 +377,13 @@ impl CellSection {
         given.iter().filter(|g| g.1).map(|g| g.0).collect()
     }
 
-    /// The thickness that is asked for in units of length (or voxels), not in reference lengths.
+    /// The thickness that is given in units of length (or voxels), not in reference lengths.
     pub fn physical_thickness(&self) -> Option<Size> {
         self.thickness.filter(|t| !matches!(t.0, Length::Bare(_)))
     }
 
-    /// Whether the cell is made of round beams and plates in world space: as `section` says, else where
-    /// it is a graph or plates of a solid element and a thickness in units of length is asked, in the cell or
+    /// Whether the cell is made of round beams and plates in world space: as `section` states, else where
+    /// it is a graph or plates of a solid element and a thickness in units of length is given, in the cell or
     /// for the tiling. A graph that is placed elsewhere, inverted or a sheet stays fitted.
     pub fn is_round(&self, tiling: &super::TilingSection) -> bool {
         if let Some(section) = self.section {
@@ -391,11 +391,11 @@ impl CellSection {
         }
         let of_parts = self.graph.is_some() || self.plates.is_some();
         let is_planar = self.own_element().is_some_and(|e| e.dimension() < 3);
-        let is_asked = tiling.thickness.is_some() || self.physical_thickness().is_some();
+        let has_thickness = tiling.thickness.is_some() || self.physical_thickness().is_some();
         let is_plain = self.invert != Some(true)
             && self.solid.is_none_or(|s| s == Solid::Below)
             && self.place.as_ref().is_none_or(|p| *p == Place::Reference);
-        of_parts && !is_planar && is_asked && is_plain
+        of_parts && !is_planar && has_thickness && is_plain
     }
 
     /// Names of the level rules that are given.

@@ -9,7 +9,7 @@ use super::{CellSection, FileRef, ScaffoldSection, Sections, Solid, TilingSectio
 use crate::frame::{LengthUnit, Transform};
 
 /// Cells that one tiling may blend.
-const MOST_CELLS: usize = 8;
+const MAX_CELLS: usize = 8;
 
 mod output;
 mod require;
@@ -99,7 +99,7 @@ fn cells(sections: &Sections, source: &Source) -> Checked {
     })
 }
 
-/// What says something about struts or plates, or is read as a formula.
+/// Rules of keys that describe struts or plates, or hold a formula.
 fn parts(cell: &CellSection, key: &str, source: &Source) -> Checked {
     let own = |f: &Option<FileRef>| {
         f.as_ref().is_some_and(|f| {
@@ -140,7 +140,7 @@ fn scaffold(sections: &Sections, source: &Source) -> Checked {
         (Some(_), None) => Err(source
             .fault(
                 "scaffold",
-                "[scaffold] needs a [tiling] that says which cell fills it",
+                "[scaffold] needs a [tiling] that names the cell which fills it",
             )
             .hint("add [tiling] with cell = \"NAME\"")),
         (Some(scaffold), Some(tiling)) => {
@@ -190,11 +190,11 @@ fn tiling_keys(tiling: &TilingSection, source: &Source) -> Checked {
             format!("[tiling] needs exactly one of cell, transition, assign; found {found}"),
         ));
     }
-    if tiling.cells().len() > MOST_CELLS {
+    if tiling.cells().len() > MAX_CELLS {
         return Err(source.fault(
             "tiling",
             format!(
-                "{} cells in one tiling; expected at most {MOST_CELLS}",
+                "{} cells in one tiling; expected at most {MAX_CELLS}",
                 tiling.cells().len()
             ),
         ));

@@ -54,7 +54,7 @@ pub enum Surroundings {
     Cell,
 }
 
-/// How cells are put together.
+/// How cells are combined.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Way {
     Average,
@@ -62,7 +62,7 @@ enum Way {
     Minkowski(Minkowski),
 }
 
-/// What a section makes of other cells.
+/// A cell made of other cells.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Hybrid {
     way: Way,
@@ -70,7 +70,7 @@ pub struct Hybrid {
 }
 
 impl CellSection {
-    /// What it makes of other cells, if they are its source.
+    /// The hybrid that the section describes, if other cells are its source.
     pub fn hybrid(&self) -> Option<Hybrid> {
         if let Some(shares) = &self.average {
             return Some(Hybrid {

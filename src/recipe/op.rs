@@ -24,7 +24,7 @@ pub enum Op {
     Trim(Trim),
     /// Move the surface outward. As one of the first operations on a solid that is still exact, and as far
     /// as its distances hold, at no cost; else, and on files, by distances from points of the surface, exact
-    /// at edges and corners. The report says which under `offsets`.
+    /// at edges and corners. The report names the method under `offsets`.
     Dilate(Brief<Move>),
     /// Move the surface inward, as `dilate`.
     Erode(Brief<Move>),
@@ -121,7 +121,7 @@ impl Op {
         mask.as_deref()
     }
 
-    /// Whether OpenVDB's filter is asked for, by an operation that moves the surface.
+    /// Whether an operation that moves the surface uses OpenVDB's filter.
     pub fn is_by_filter(&self) -> bool {
         let scheme = match self {
             Self::Dilate(m) | Self::Erode(m) | Self::Open(m) | Self::Close(m) => m.scheme,
@@ -132,7 +132,7 @@ impl Op {
         scheme == MoveScheme::Openvdb
     }
 
-    /// Whether the scheme of fifth order is asked for.
+    /// Whether the operation uses the scheme of fifth order.
     pub fn is_precise(&self) -> bool {
         match self {
             Self::Dilate(m) | Self::Erode(m) | Self::Open(m) | Self::Close(m) => m.precise,

@@ -13,7 +13,7 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
-/// One file. Exactly one of `vdb`, `mesh`, `picture` and `report` says which.
+/// One file. Exactly one of `vdb`, `mesh`, `picture` and `report` gives its kind and path.
 // Keys of a recipe are flags one by one.
 #[allow(clippy::struct_excessive_bools)]
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
@@ -90,13 +90,13 @@ impl Short for Decimate {
     }
 }
 
-/// How the pieces of a solid are told apart.
+/// How the connected components of a solid are written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Segments {
     /// Grids of one file.
     Grids,
-    /// Files of their own: `NAME_1.vdb`, the largest piece, and so on.
+    /// Files of their own: `NAME_1.vdb` for the largest component, and so on.
     Files,
 }
 

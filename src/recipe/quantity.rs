@@ -1,8 +1,8 @@
 //! Quantities of a recipe: lengths with their unit, kernel widths, and numbers with a range.
 //!
 //! A length is a number (the recipe's unit) or a string such as `"0.2mm"` or `"3vx"` (voxels). Sizes
-//! are positive; a bare kernel width counts voxels. All of them parse alike from TOML and from a
-//! command line, so that an error says the same in both.
+//! are positive; a bare kernel width counts voxels. TOML and the command line share one parser
+//! and its errors.
 
 use crate::frame::LengthUnit;
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
@@ -41,7 +41,7 @@ pub enum QuantityError {
 /// A length as written: a finite number and its unit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Length {
-    /// A bare number: the recipe's unit (or voxels, where a key says so).
+    /// A bare number: the recipe's unit (or voxels, where the key states it).
     Bare(f64),
     /// A number with a unit of length.
     In(f64, LengthUnit),

@@ -68,11 +68,11 @@ impl Book {
             .collect()
     }
 
-    /// What a definition says: its sentence, then its keys, or the words it may be.
+    /// The section of a definition: its description, then its keys or choices.
     fn definition(&self, name: &str, text: &mut String) {
         let value = &self.definitions[name];
-        if let Some(said) = value["description"].as_str() {
-            let _ = write!(text, "\n{}\n", paragraph(said));
+        if let Some(description) = value["description"].as_str() {
+            let _ = write!(text, "\n{}\n", paragraph(description));
         }
         if value["properties"].is_object() {
             self.keys(value, text);
@@ -96,14 +96,19 @@ impl Book {
         let is_required = |key: &str| required.contains(&key);
         let (first, rest): (Vec<_>, Vec<_>) = properties.iter().partition(|p| is_required(p.0));
         for (key, value) in first.into_iter().chain(rest) {
-            let mut said = cell(value["description"].as_str().unwrap_or(""));
+            let mut description = cell(value["description"].as_str().unwrap_or(""));
             if is_required(key) && properties.len() > 1 {
-                said = format!("Required. {said}");
+                description = format!("Required. {description}");
             }
             if let Some(default) = value.get("default").filter(|d| !d.is_null()) {
-                let _ = write!(said, " Default: `{}`.", cell(&default.to_string()));
+                let _ = write!(description, " Default: `{}`.", cell(&default.to_string()));
             }
-            let _ = writeln!(text, "| `{key}` | {} | {} |", self.kind(value), said.trim());
+            let _ = writeln!(
+                text,
+                "| `{key}` | {} | {} |",
+                self.kind(value),
+                description.trim()
+            );
         }
     }
 
@@ -111,7 +116,7 @@ impl Book {
     fn choices(&self, choices: &[Value], text: &mut String) {
         text.push_str("\n| one of | |\n|---|---|\n");
         for choice in choices {
-            let said = cell(choice["description"].as_str().unwrap_or(""));
+            let description = cell(choice["description"].as_str().unwrap_or(""));
             let form = match (&choice["const"], choice["properties"].as_object()) {
                 (Value::String(word), _) => format!("`\"{word}\"`"),
                 (_, Some(properties)) => {
@@ -122,7 +127,7 @@ impl Book {
                 }
                 _ => self.kind(choice),
             };
-            let _ = writeln!(text, "| {form} | {said} |");
+            let _ = writeln!(text, "| {form} | {description} |");
         }
     }
 
@@ -177,7 +182,7 @@ impl Book {
     }
 }
 
-/// Whether a definition is said where it is used: a choice between others.
+/// Whether a definition is written where it is used: a choice between others.
 fn is_inline(name: &str) -> bool {
     name.ends_with("OrShort")
 }

@@ -31,11 +31,11 @@ pub struct TilingSection {
     /// Full local thickness, graded: in the recipe's unit. Struts of a graph become round beams of this
     /// diameter; of other cells it sets the level.
     pub thickness: Option<Varying>,
-    /// How far, in voxels, the tables that cells are looked up in may displace the surface, as measured where
-    /// voxels are finest against the cell: tables are as small as that allows, and waves that they are then
-    /// too coarse for are left out. Leaves in large elements are told by the cell at a few nodes, where that
-    /// displaces the surface by at most half as much. 0 asks for as much as single precision and 160 samples
-    /// per axis hold, and for no nodes.
+    /// Maximum displacement of the surface by look-up tables and interpolation, in voxels, measured where
+    /// voxels are finest against the cell. Tables are as small as that allows and leave out waves that they
+    /// cannot resolve. In large elements, leaves are interpolated from nodes where that displaces the surface
+    /// by at most half as much. 0 means the accuracy of single precision and 160 samples per axis, and no
+    /// interpolation.
     pub tolerance: Tolerance,
     /// Measure the continuity of the field over all shared faces, into the report.
     pub certificate: bool,
@@ -96,7 +96,7 @@ pub enum Interpolation {
     /// Flat at corners: each transition looks like steps of elements, with level ends.
     Smoothstep,
     /// Smooth in space (two continuous derivatives) whatever the elements are: through control points
-    /// about an element apart, of which the weights are a mean.
+    /// about one element apart; weights are local means.
     Smooth,
 }
 
@@ -161,7 +161,7 @@ fn ascending<'de, D: Deserializer<'de>>(d: D) -> Result<Vec<[f64; 2]>, D::Error>
     Ok(map)
 }
 
-/// What a field says beyond its mesh.
+/// The value of a field outside its mesh.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Outside {
     /// The value of the nearest point.
@@ -205,7 +205,7 @@ impl JsonSchema for Outside {
     }
     fn json_schema(_: &mut SchemaGenerator) -> Schema {
         json_schema!({
-            "description": "What a field says beyond its mesh.",
+            "description": "The value of a field outside its mesh.",
             "anyOf": [{ "enum": ["nearest", "error"] }, { "type": "number" }]
         })
     }

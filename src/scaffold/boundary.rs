@@ -12,8 +12,8 @@ use crate::frame::{CellPoint, Vec3};
 use crate::mesh::TriMesh;
 use std::collections::HashMap;
 
-/// Sides are cut into at most this many parts.
-const FINEST: f64 = 1.0 / 1024.0;
+/// Minimum length of the parts that a side is divided into, as a share of the side.
+const MIN_PART_LENGTH: f64 = 1.0 / 1024.0;
 
 /// A component's surface.
 #[derive(Clone, Debug)]
@@ -311,7 +311,7 @@ impl Builder<'_> {
         let (a, b) = (p.spots[i], p.spots[(i + 1) % 3]);
         let e = [b[0] - a[0], b[1] - a[1]];
         let length = e[0].abs().max(e[1].abs());
-        if length <= FINEST {
+        if length <= MIN_PART_LENGTH {
             return 0.0;
         }
         match p.sides[i] {

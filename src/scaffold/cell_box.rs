@@ -24,7 +24,7 @@ const ROUNDING: f64 = 1e-12;
 type Halves = [[Net<Vec3>; 2]];
 
 thread_local! {
-    /// Room for them, which serves again.
+    /// Buffers, reused between calls.
     static HALVES: Cell<Vec<[Net<Vec3>; 2]>> = Cell::default();
 }
 
@@ -75,7 +75,7 @@ fn of_affine(shape: Element, a: &Affine, world: &Aabb) -> Option<CellBox<3>> {
     confine(shape, found)
 }
 
-/// Face planes that are not axis-aligned, which the bounding box does not know of: n.x <= offset.
+/// Face planes that are not axis-aligned, which the bounding box does not contain: n.x <= offset.
 fn slanted(shape: Element) -> &'static [(Vec3, f64)] {
     static PLANES: [OnceLock<Vec<(Vec3, f64)>>; 6] = [const { OnceLock::new() }; 6];
     PLANES[shape as usize].get_or_init(|| {
@@ -192,8 +192,8 @@ fn local(kind: Kind, net: &Net<Vec3>, part: &Part, whole: &[Vec3; 6]) -> (CellBo
     }
 }
 
-/// Contracts `domain` around the preimage; `None` proves it empty. The flag says that what is left
-/// is within a small factor of the preimage's own box.
+/// Contracts `domain` around the preimage; `None` proves it empty. The flag states that the
+/// contracted box is within a small factor of the preimage's own box.
 fn contract(
     c: &Curved,
     domain: &CellBox<3>,

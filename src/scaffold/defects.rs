@@ -1,18 +1,18 @@
-//! Where elements of a scaffold do not fit together.
+//! Defects between elements of a scaffold: hanging nodes, overlaps, torn and non-manifold faces.
 
 use super::topology::face_key;
 use super::{FaceRef, Neighbour, Scaffold};
 use crate::frame::{Aabb, CellPoint, Vec3, WorldPoint};
 use rayon::prelude::*;
 
-/// How near, in the cell frame, a node is to a face or node that it is said to lie on.
-const NEAR: f64 = 1e-6;
-/// Gap between two sides of a face, relative to its element, that is taken for rounding.
-const GAP: f64 = 1e-9;
+/// Distance in the cell frame within which a node lies on a face or on another node.
+const NODE_TOLERANCE: f64 = 1e-6;
+/// Gap between the two sides of a face, relative to its element, below which they are equal (rounding).
+const GAP_TOLERANCE: f64 = 1e-9;
 
-/// A corner node in a place of another element where it should not be.
+/// A corner node that lies on or in an element that it does not belong to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct StrayNode {
+pub struct MisplacedNode {
     /// The node's place in the scaffold.
     pub node: u32,
     /// The number, in the file, of the element it lies on or in.
@@ -34,13 +34,13 @@ pub struct Defects {
     /// Pairs of elements with the same corner nodes; the second one is superfluous.
     pub duplicates: Vec<(u64, u64)>,
     /// The elements around each face that more than two share.
-    pub crowded: Vec<Vec<u64>>,
+    pub non_manifold: Vec<Vec<u64>>,
     /// Nodes inside an outer face or edge of an element that does not have them.
-    pub hanging: Vec<StrayNode>,
+    pub hanging: Vec<MisplacedNode>,
     /// Nodes at the place of another element's node.
-    pub unmerged: Vec<StrayNode>,
+    pub unmerged: Vec<MisplacedNode>,
     /// Nodes inside another element.
-    pub overlapping: Vec<StrayNode>,
+    pub overlapping: Vec<MisplacedNode>,
     /// Pairs of elements of different components that fill the same space; they are united.
     pub united: Vec<[u64; 2]>,
     /// Pairs of elements of one component that fill the same space.
@@ -51,15 +51,15 @@ pub struct Defects {
     pub unused_nodes: usize,
 }
 
-/// What a node is to an element that does not have it as a corner.
-enum Stray {
+/// How a node lies relative to an element that does not have it as a corner.
+enum Misplacement {
     Hanging,
     Unmerged,
     Overlapping,
 }
 
 impl Scaffold {
-    /// Looks for places where neighbours do not fit.
+    /// Finds the places where neighbouring elements do not fit.
     pub(super) fn defects(&self) -> Defects {
         let found = self.overlaps();
         let numbers = |pairs: Vec<[u32; 2]>| {
@@ -74,8 +74,8 @@ impl Scaffold {
         }
         let mut defects = Defects {
             duplicates: self.duplicates(),
-            crowded: self
-                .crowded_faces()
+            non_manifold: self
+                .non_manifold_faces()
                 .iter()
                 .map(|group| {
                     let number = |f: &FaceRef| self.number(f.element as usize);
@@ -88,15 +88,17 @@ impl Scaffold {
             unused_nodes: used.iter().filter(|u| !**u).count(),
             ..Defects::default()
         };
-        let margin = NEAR * self.stretch().1;
+        let margin = NODE_TOLERANCE * self.stretch().1;
         let outer: Vec<u32> = self.outer_corner_nodes();
-        let strays: Vec<Option<(StrayNode, Stray)>> =
-            outer.par_iter().map(|&n| self.stray(n, margin)).collect();
-        for (stray, what) in strays.into_iter().flatten() {
-            match what {
-                Stray::Hanging => defects.hanging.push(stray),
-                Stray::Unmerged => defects.unmerged.push(stray),
-                Stray::Overlapping => defects.overlapping.push(stray),
+        let misplaced: Vec<Option<(MisplacedNode, Misplacement)>> = outer
+            .par_iter()
+            .map(|&n| self.misplacement(n, margin))
+            .collect();
+        for (node, kind) in misplaced.into_iter().flatten() {
+            match kind {
+                Misplacement::Hanging => defects.hanging.push(node),
+                Misplacement::Unmerged => defects.unmerged.push(node),
+                Misplacement::Overlapping => defects.overlapping.push(node),
             }
         }
         defects
@@ -139,7 +141,7 @@ impl Scaffold {
                 .zip(self.middles(g))
                 .map(|(a, b)| (a.1 - b.1).norm())
                 .fold(0.0, f64::max);
-            if gap > GAP * size {
+            if gap > GAP_TOLERANCE * size {
                 found.push(TornFace {
                     elements: [f, g].map(|f| self.number(f.element as usize)),
                     gap,
@@ -187,7 +189,7 @@ impl Scaffold {
     }
 
     /// The first element that a corner node touches without being its corner.
-    fn stray(&self, node: u32, margin: f64) -> Option<(StrayNode, Stray)> {
+    fn misplacement(&self, node: u32, margin: f64) -> Option<(MisplacedNode, Misplacement)> {
         let at = WorldPoint(self.nodes()[node as usize]);
         let mut near = Vec::new();
         self.candidates(&Aabb::of([at.0]).dilated(margin), &mut near);
@@ -198,16 +200,19 @@ impl Scaffold {
             if corners.contains(&node) {
                 continue;
             }
-            let Some(xi) = element.inverse_inside(at, NEAR) else {
+            let Some(xi) = element.inverse_inside(at, NODE_TOLERANCE) else {
                 continue;
             };
-            let found = StrayNode {
+            let found = MisplacedNode {
                 node,
                 element: self.number(e as usize),
             };
             let reference = element.shape().vertices();
-            if reference.iter().any(|v| (v - xi.0).norm() < 4.0 * NEAR) {
-                return Some((found, Stray::Unmerged));
+            if reference
+                .iter()
+                .any(|v| (v - xi.0).norm() < 4.0 * NODE_TOLERANCE)
+            {
+                return Some((found, Misplacement::Unmerged));
             }
             let on_outer = element
                 .shape()
@@ -216,12 +221,12 @@ impl Scaffold {
                 .zip(self.faces_of(e as usize))
                 .any(|(plane, f)| {
                     self.neighbour(f) == Neighbour::Outside
-                        && (plane.normal.dot(&xi.0) - plane.offset).abs() <= NEAR
+                        && (plane.normal.dot(&xi.0) - plane.offset).abs() <= NODE_TOLERANCE
                 });
             if on_outer {
-                return Some((found, Stray::Hanging));
+                return Some((found, Misplacement::Hanging));
             }
-            inside = inside.or(Some((found, Stray::Overlapping)));
+            inside = inside.or(Some((found, Misplacement::Overlapping)));
         }
         inside
     }

@@ -11,8 +11,8 @@ use super::{Connectivity, Kind, Scaffold, ScaffoldError};
 use crate::frame::{Element, Vec3};
 use std::collections::HashMap;
 
-/// Most elements that a division may make.
-const MOST: usize = 50_000_000;
+/// Maximum number of elements of a division.
+const MAX_ELEMENTS: usize = 50_000_000;
 
 /// A scaffold made of the parts of another one's elements.
 #[derive(Debug)]
@@ -131,7 +131,7 @@ impl Scaffold {
                 free.insert(nodes.collect());
             }
             total += tables[&kind].len();
-            if total > MOST {
+            if total > MAX_ELEMENTS {
                 return Err(ScaffoldError::TooMany {
                     found: total,
                     what: "elements",

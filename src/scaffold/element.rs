@@ -16,7 +16,7 @@ pub struct InverseError {
     pub element: usize,
     /// Its kind.
     pub kind: Kind,
-    /// The world point asked for.
+    /// The world point.
     pub point: [f64; 3],
     /// Distance left in world units.
     pub residual: f64,
@@ -140,7 +140,7 @@ impl<'a> ElementMap<'a> {
         match &self.geometry.map {
             Map::Affine(a) => self.affine(a, x),
             Map::Curved(c) => c
-                .newton(x.0, c.guess(x.0))
+                .newton(x.0, c.initial_guess(x.0))
                 .or_else(|_| c.newton(x.0, CellPoint(Vec3::zeros())))
                 .map_err(|residual| self.lost(x, residual)),
             Map::Twisted(t) => t.inverse(x.0, None).map_err(|r| self.lost(x, r)),

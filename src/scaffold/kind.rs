@@ -151,7 +151,7 @@ impl Kind {
         self.row().name
     }
 
-    /// The reference shape, which says which unit cells fit.
+    /// The reference shape; it decides which unit cells fit.
     pub fn shape(self) -> Element {
         self.row().shape
     }

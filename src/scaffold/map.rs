@@ -204,7 +204,7 @@ impl Curved {
         newton(|xi| self.evaluate(xi), x, start, self.origin)
     }
 
-    pub fn guess(&self, x: Vec3) -> CellPoint<3> {
+    pub fn initial_guess(&self, x: Vec3) -> CellPoint<3> {
         let xi = self.start * (x - self.origin);
         let far = xi.amax();
         CellPoint(if far > 0.5 { xi * (0.5 / far) } else { xi })

@@ -13,10 +13,10 @@ use super::{ElementMap, FaceRef, Neighbour, Scaffold};
 use crate::frame::{Aabb, CellPoint, Vec3};
 use rayon::prelude::*;
 
-/// How deep, as a share of the way to the element's centre, points lie below its outer faces.
-const BELOW: f64 = 0.02;
-/// How deep in the other element's cell a point must lie.
-const WITHIN: f64 = 0.01;
+/// Depth of the probed points below outer faces, as a share of the distance to the element's centre.
+const PROBE_DEPTH: f64 = 0.02;
+/// Minimum depth of a point in the cell of another element, in the cell frame, that counts as an overlap.
+const OVERLAP_DEPTH: f64 = 0.01;
 
 /// Pairs of overlapping elements, by their places, ascending.
 pub(super) struct Overlaps {
@@ -77,7 +77,7 @@ impl Scaffold {
                 _ => None,
             })
             .collect();
-        for group in self.crowded_faces() {
+        for group in self.non_manifold_faces() {
             for (i, &f) in group.iter().enumerate() {
                 let others = group[..i].iter().filter(|g| same(f, **g));
                 pairs.extend(others.map(|g| [g.element, f.element]));
@@ -128,7 +128,7 @@ impl Scaffold {
         let mut near = Vec::new();
         let mut found = Vec::new();
         for point in points {
-            let x = e.map(CellPoint(point + (centre - point) * BELOW));
+            let x = e.map(CellPoint(point + (centre - point) * PROBE_DEPTH));
             self.candidates(&Aabb::of([x.0]), &mut near);
             for &other in &near {
                 let pair = [f.element, other];
@@ -137,7 +137,7 @@ impl Scaffold {
                 }
                 let o = self.element(other as usize);
                 let xi = o.inverse_inside(x, 0.0);
-                let is_within = xi.is_some_and(|xi| o.shape().face_distance(xi) < -WITHIN);
+                let is_within = xi.is_some_and(|xi| o.shape().face_distance(xi) < -OVERLAP_DEPTH);
                 if is_within && !self.neighbours(f.element as usize).any(|n| n == other) {
                     found.push(pair);
                 }

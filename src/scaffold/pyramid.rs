@@ -2,7 +2,7 @@
 //!
 //! With h = 1 - z sqrt 2 (1 at the base, 0 at the apex) the shape functions are
 //! (1/2 -+ x / h) (1/2 -+ y / h) h for the base and 1 - h for the apex, so that the map is affine but
-//! for one term: F(xi) = A xi + b + c q(xi), q = x y / h, where c = X0 - X1 + X2 - X3 says how far the
+//! for one term: F(xi) = A xi + b + c q(xi), q = x y / h, where c = X0 - X1 + X2 - X3 states how far the
 //! base is from a parallelogram. Over the pyramid |x|, |y| <= h / 2; the Jacobian
 //! J = A + c grad q depends on (x / h, y / h) in `[-1/2, 1/2]^2` alone, and det J is bilinear in them:
 //! its range is that of the four corners. Pyramids of 13 and 14 nodes are [`Collapsed`].

@@ -1,8 +1,8 @@
-//! What a scaffold is like, and what is wrong with it.
+//! Counts, measures and defects of a scaffold.
 //!
 //! Folded and degenerate elements have no inverse map, and where elements of one component overlap the
 //! field has two values: these are errors. Hanging and unmerged nodes,
-//! torn, crowded and overlapping places leave a seam in the tiled field: they are warnings.
+//! torn, non-manifold and overlapping places leave a seam in the tiled field: they are warnings.
 
 use super::orientation::parametric_scale;
 use super::{Defects, Kind, Orientation, Scaffold};
@@ -99,7 +99,7 @@ pub struct ScaffoldReport {
     pub folded: Vec<BadElement>,
     /// Elements whose Jacobian vanishes.
     pub degenerate: Vec<BadElement>,
-    /// Where neighbours do not fit.
+    /// Defects between neighbouring elements.
     pub defects: Defects,
     /// Face-connected components.
     pub components: usize,
@@ -177,7 +177,7 @@ impl Scaffold {
         Ok(report)
     }
 
-    /// Names a bad element, by a node where the determinant is as wrong there as anywhere seen.
+    /// Describes a bad element; the place is a node if the determinant there is as wrong as anywhere.
     fn bad(&self, element: usize, determinant: f64, at: CellPoint<3>) -> BadElement {
         let e = self.element(element);
         let scale = parametric_scale(e.kind());
@@ -211,7 +211,7 @@ impl Scaffold {
 }
 
 impl ScaffoldReport {
-    /// What should be looked at, a sentence each; empty for a sound scaffold.
+    /// One sentence for each kind of defect; empty for a sound scaffold.
     pub fn warnings(&self) -> Vec<String> {
         let d = &self.defects;
         let mut found = Vec::new();
@@ -233,11 +233,11 @@ impl ScaffoldReport {
             ),
         );
         warn(
-            d.crowded.len(),
+            d.non_manifold.len(),
             format!(
                 "{} faces are shared by more than two elements: elements {}",
-                d.crowded.len(),
-                list(&mut d.crowded.iter().flatten().copied())
+                d.non_manifold.len(),
+                list(&mut d.non_manifold.iter().flatten().copied())
             ),
         );
         warn(

@@ -10,10 +10,10 @@ use std::collections::HashMap;
 
 /// Share of the radius that the core takes.
 const CORE: f64 = 0.5;
-/// How far the core's sides are bulged from flat (0) to round (1).
-const BULGE: f64 = 0.5;
-/// Most elements.
-const MOST: f64 = 2e7;
+/// Shape of the core's sides, from flat (0) to round (1).
+const CORE_ROUNDNESS: f64 = 0.5;
+/// Maximum number of elements.
+const MAX_ELEMENTS: f64 = 2e7;
 
 /// A lattice point: of the core, and how many half layers outside it.
 type Name = ([i64; 3], i64);
@@ -30,7 +30,8 @@ fn place((i, layer): Name, n: i64, layers: i64) -> Vec3 {
     let c = Vec3::from(i.map(|i| i as f64 / n as f64 - 1.0));
     let size = c.amax();
     let unit = if size > 0.0 { direction(c / size) } else { c };
-    let inner = (c * (1.0 - BULGE) / 2f64.sqrt() * 1.1 + unit * (size * BULGE)) * CORE;
+    let inner =
+        (c * (1.0 - CORE_ROUNDNESS) / 2f64.sqrt() * 1.1 + unit * (size * CORE_ROUNDNESS)) * CORE;
     let outward = layer as f64 / (2 * layers) as f64;
     inner * (1.0 - outward) + unit * outward
 }
@@ -170,7 +171,7 @@ impl Scaffold {
         let around = count(std::f64::consts::PI * (inner + outer), 4.0);
         let (across, floors) = (count(outer - inner, 1.0), count(height, 1.0));
         let found = around * across * floors;
-        if found > MOST {
+        if found > MAX_ELEMENTS {
             return Err(ScaffoldError::TooMany {
                 found: found.min(1e18) as usize,
                 what: "elements",
@@ -218,7 +219,7 @@ fn counts(
     let layers = ((1.0 - CORE) * radius / cell).round().max(1.0);
     let sides = f64::from(2 * dimension);
     let found = (n.powi(dimension) + sides * n.powi(dimension - 1) * layers) * floors;
-    if found > MOST {
+    if found > MAX_ELEMENTS {
         return Err(ScaffoldError::TooMany {
             found: found.min(1e18) as usize,
             what: "elements",

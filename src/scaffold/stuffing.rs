@@ -12,10 +12,10 @@ use crate::frame::{Aabb, Vec3};
 use rayon::prelude::*;
 use std::collections::{BTreeMap, HashMap};
 
-/// Cuts nearer to a lattice point than this share of the edge move it: long edges, short edges.
-const NEAR: [f64; 2] = [0.24999, 0.41189];
-/// Most lattice points.
-const MOST: f64 = 4e7;
+/// A cut nearer to a lattice point than this share of the edge moves the point: long edges, short edges.
+const SNAP_SHARES: [f64; 2] = [0.24999, 0.41189];
+/// Maximum number of lattice points.
+const MAX_LATTICE_POINTS: f64 = 4e7;
 
 /// A lattice point: all coordinates even, or all odd; neighbours of a kind are 2 apart.
 type Point = [i32; 3];
@@ -110,7 +110,7 @@ impl Scaffold {
         // A cell of room on every side.
         let counts = size.map(|s| (s / cell).ceil() + 3.0);
         let found = 2.0 * counts.product();
-        if !found.is_finite() || found > MOST {
+        if !found.is_finite() || found > MAX_LATTICE_POINTS {
             return Err(ScaffoldError::TooMany {
                 found: found.min(1e18) as usize,
                 what: "lattice points",
@@ -230,7 +230,7 @@ impl Stuffing {
                 let Some(&t) = self.cuts.get(e) else { continue };
                 let share = if e.0 == p { t } else { 1.0 - t };
                 let long = is_long(e.0, e.1);
-                if share < NEAR[usize::from(!long)] {
+                if share < SNAP_SHARES[usize::from(!long)] {
                     let distance = share * if long { 2.0 } else { 3f64.sqrt() };
                     if nearest.is_none_or(|n| distance < n.0) {
                         nearest = Some((distance, *e));

@@ -1,7 +1,7 @@
 //! Which elements share faces: neighbours, outer faces, components.
 //!
 //! Faces are the same if their corner nodes are. Mid nodes follow from the corners in a conforming
-//! mesh; where they do not, the face is torn and the report says so.
+//! mesh; where they do not, the face is torn and the report lists it.
 
 use super::{Connectivity, Scaffold};
 use crate::union_find::Sets;
@@ -32,7 +32,7 @@ pub(super) struct Topology {
     starts: Vec<u32>,
     neighbours: Vec<Neighbour>,
     /// Groups of more than two faces with the same corners.
-    pub crowded: Vec<Vec<FaceRef>>,
+    pub non_manifold: Vec<Vec<FaceRef>>,
     component_of: Vec<u32>,
     components: Vec<Vec<u32>>,
 }
@@ -70,7 +70,7 @@ impl Topology {
         let mut topology = Self {
             neighbours: vec![Neighbour::Outside; faces.len()],
             starts,
-            crowded: Vec::new(),
+            non_manifold: Vec::new(),
             component_of: Vec::new(),
             components: Vec::new(),
         };
@@ -90,11 +90,11 @@ impl Topology {
                     for f in &many {
                         topology.set(*f, Neighbour::Several);
                     }
-                    topology.crowded.push(many);
+                    topology.non_manifold.push(many);
                 }
             }
         }
-        topology.crowded.sort_unstable();
+        topology.non_manifold.sort_unstable();
         let (component_of, count) = sets.numbered(0..elements.len());
         topology.components = vec![Vec::new(); count];
         for (e, &component) in component_of.iter().enumerate() {
@@ -144,8 +144,8 @@ impl Scaffold {
     }
 
     /// Groups of more than two elements that share one face.
-    pub fn crowded_faces(&self) -> &[Vec<FaceRef>] {
-        &self.topology.crowded
+    pub fn non_manifold_faces(&self) -> &[Vec<FaceRef>] {
+        &self.topology.non_manifold
     }
 
     /// Elements of each face-connected component, ascending; components in order of their least

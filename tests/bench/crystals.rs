@@ -3,7 +3,7 @@
 //! `cargo bench --bench crystals`: for each number of steps the faces of the mesh, the time to make it from the
 //! cube or tetrahedron, faces a second, and the time to cut it into triangles.
 
-use druse::polymesh::{NoFiles, Script, Workshop};
+use druse::polymesh::{Interpreter, NoFiles, Script};
 use std::time::Instant;
 
 const SCRIPTS: [(&str, &str, usize); 3] = [
@@ -34,10 +34,10 @@ fn main() {
             let mut mesh = None;
             for _ in 0..3 {
                 let start = Instant::now();
-                let mut workshop = Workshop::new(&NoFiles);
-                script.run(&mut workshop, None).unwrap();
+                let mut interpreter = Interpreter::new(&NoFiles);
+                script.run(&mut interpreter, None).unwrap();
                 seconds = seconds.min(start.elapsed().as_secs_f64());
-                mesh = workshop.shared();
+                mesh = interpreter.shared();
             }
             let mesh = mesh.unwrap();
             let start = Instant::now();

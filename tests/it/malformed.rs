@@ -10,7 +10,7 @@ use druse::io::{
     read_points, read_polymesh, read_skeleton, write_mesh,
 };
 use druse::mesh::TriMesh;
-use druse::polymesh::{LoadOptions, NoFiles, Script, ScriptError, Workshop};
+use druse::polymesh::{Interpreter, LoadOptions, NoFiles, Script, ScriptError};
 use druse::recipe::{Recipe, RecipeError, RecipeFault};
 use std::fs;
 use std::io::Write;
@@ -150,8 +150,8 @@ fn script(path: &Path) -> Result<(), Refusal> {
         ReadError::data(path, place, e.message.clone(), expected)
     };
     let script = Script::parse(&text).map_err(|e| fault(&e))?;
-    let mut workshop = Workshop::new(&NoFiles);
-    Ok(script.run(&mut workshop, None).map_err(|e| fault(&e))?)
+    let mut interpreter = Interpreter::new(&NoFiles);
+    Ok(script.run(&mut interpreter, None).map_err(|e| fault(&e))?)
 }
 
 const SCRIPT: &[u8] = b"param t = 1/3 # a third\ncube edge=1\nrepeat 2 { remesh checkerboard t=t; extrude cubical group=1 dihedral=90 tiers=[-0.9] }\nassign faces(abs(normal.z) < 0.5 and not near(1, 2, 3)) new\nextrude dodecahedral top dihedral=auto\nrenumber\nstartvertex all toward=[0, 0, 1]\n";

@@ -1,4 +1,4 @@
-//! The commands of the volume workshop: `voxelize`, `filter`, `mesh`, and what they refuse.
+//! The commands of the volume interpreter: `voxelize`, `filter`, `mesh`, and what they refuse.
 
 use serde_json::Value;
 use std::process::{Command, Output, Stdio};

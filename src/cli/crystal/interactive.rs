@@ -1,7 +1,7 @@
 //! A conversation: steps from stdin, what they make on stdout.
 
 use super::super::{Failure, Session};
-use crate::polymesh::{PolyMesh, Script, VERBS, Workshop};
+use crate::polymesh::{Interpreter, PolyMesh, Script, VERBS};
 use std::io::{BufRead, IsTerminal, Write};
 use std::path::Path;
 
@@ -14,7 +14,7 @@ Steps may be several on a line (;) and loops may run over lines:";
 
 /// Reads steps and commands until stdin ends or says `quit`. A step that fails changes nothing.
 pub(super) fn converse(
-    workshop: &mut Workshop,
+    interpreter: &mut Interpreter,
     session: &Session,
     draw: &dyn Fn(&PolyMesh, &Path) -> Result<u64, Failure>,
     met: &dyn Fn(&PolyMesh) -> Option<String>,
@@ -38,7 +38,7 @@ pub(super) fn converse(
             continue;
         }
         let text = std::mem::take(&mut pending);
-        match reply(text.trim(), workshop, draw, met) {
+        match reply(text.trim(), interpreter, draw, met) {
             None => return Ok(()),
             Some(answer) if session.json() || answer.is_empty() => {}
             Some(answer) => {
@@ -53,7 +53,7 @@ pub(super) fn converse(
 /// The answer to a line; `None` ends the conversation.
 fn reply(
     text: &str,
-    workshop: &mut Workshop,
+    interpreter: &mut Interpreter,
     draw: &dyn Fn(&PolyMesh, &Path) -> Result<u64, Failure>,
     met: &dyn Fn(&PolyMesh) -> Option<String>,
 ) -> Option<String> {
@@ -73,7 +73,7 @@ fn reply(
         ("undo" | "redo", Some(times)) => {
             let mut said = Vec::new();
             for _ in 0..times {
-                let history = workshop.history();
+                let history = interpreter.history();
                 let step = if first == "undo" {
                     history.undo()
                 } else {
@@ -85,12 +85,12 @@ fn reply(
                 };
                 said.push(format!("{first}: {step}"));
             }
-            said.push(state(workshop));
+            said.push(state(interpreter));
             said.join("\n")
         }
-        ("show", _) => state(workshop),
-        ("steps", _) => workshop.steps().join("\n"),
-        ("draw", _) => match (second, workshop.mesh()) {
+        ("show", _) => state(interpreter),
+        ("steps", _) => interpreter.steps().join("\n"),
+        ("draw", _) => match (second, interpreter.mesh()) {
             (Some(path), Some(mesh)) => match draw(mesh, Path::new(path)) {
                 Ok(bytes) => format!("{path}  {}", super::super::run::size(bytes)),
                 Err(e) => format!("error: {}", e.said()),
@@ -99,16 +99,16 @@ fn reply(
             (_, None) => "error: there is no mesh yet".into(),
         },
         _ => {
-            let done = Script::parse(text).and_then(|script| script.run(workshop, None));
-            let mut said: Vec<String> = workshop
+            let done = Script::parse(text).and_then(|script| script.run(interpreter, None));
+            let mut said: Vec<String> = interpreter
                 .take_notes()
                 .iter()
                 .map(|n| format!("note: {}", n.text))
                 .collect();
             match done {
                 Ok(()) => {
-                    said.push(state(workshop));
-                    said.extend(workshop.mesh().and_then(met));
+                    said.push(state(interpreter));
+                    said.extend(interpreter.mesh().and_then(met));
                 }
                 Err(e) => said.push(format!("error: {e}")),
             }
@@ -117,8 +117,8 @@ fn reply(
     })
 }
 
-fn state(workshop: &Workshop) -> String {
-    workshop
+fn state(interpreter: &Interpreter) -> String {
+    interpreter
         .mesh()
         .map_or_else(|| "no mesh yet".into(), |m| m.summary().to_string())
 }

@@ -1,8 +1,8 @@
 //! `druse crystal --view`: one page on the loopback interface that shows the model and takes steps.
 //!
-//! Whoever has the address may step and save, nobody else: the server listens on 127.0.0.1 only, every path
-//! begins with 128 random bits, and requests under another host's name are refused, so that a page of
-//! somebody else's in the same browser cannot reach it. It writes below one directory only (`Fence`).
+//! Only a client that has the address may run steps and save. The server listens on 127.0.0.1 only, every
+//! path begins with 128 random bits, and requests under another host name are refused, so that a foreign
+//! page in the same browser cannot reach it. It writes into one directory only (`Sandbox`).
 //!
 //! The page is `view/page.*`; it draws with twgl.js 7.0.0 (npm, MIT: `view/twgl.LICENSE.md`), of which
 //! `view/twgl.js` is the release file `dist/7.x/twgl.js`, unchanged. Nothing is fetched from elsewhere.
@@ -10,7 +10,7 @@
 use super::super::{Answer, Failure, Session};
 use super::{Parameters, Source};
 use serde_json::json;
-use state::{Desk, Refused};
+use state::{Refused, ViewState};
 use std::io::{Read, Write};
 use std::time::Duration;
 use tiny_http::{Header, Method, Request, Response, Server};
@@ -19,11 +19,11 @@ mod sandbox;
 mod scene;
 mod state;
 
-/// Most bytes of a step.
-const MOST: u64 = 1 << 16;
-/// How often the server looks whether it shall stop.
-const PATIENCE: Duration = Duration::from_millis(100);
-/// What the page may do: run its own two scripts, and talk to its server.
+/// Maximum length of a request's text, in bytes.
+const MAX_BODY_BYTES: u64 = 1 << 16;
+/// How often the server checks for a stop signal.
+const POLL_INTERVAL: Duration = Duration::from_millis(100);
+/// Content security policy: the page runs its own scripts and talks to its server, nothing else.
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; \
                       img-src data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
 
@@ -33,14 +33,14 @@ const SCRIPT: &str = include_str!("view/page.js");
 const DRAWING: &str = include_str!("view/drawing.js");
 const LIBRARY: &str = include_str!("view/twgl.js");
 
-/// An answer to a request: status, type, bytes.
+/// The response to a request: status, content type, bytes.
 type Reply = (u16, &'static str, Vec<u8>);
 
-/// Serves the page until it or a signal says stop.
+/// Serves the page until the page or a signal ends the session.
 pub(super) fn serve(p: &Parameters, source: &Source, session: &Session) -> Result<Answer, Failure> {
-    let fence = sandbox::Fence::new(&source.directory);
-    let mut desk = Desk::open(source, &fence, session)?;
-    fence.close();
+    let sandbox = sandbox::Sandbox::new(&source.directory);
+    let mut state = ViewState::open(source, &sandbox, session)?;
+    sandbox.close();
     let failed = |e: &dyn std::fmt::Display| {
         Failure::usage(format!("cannot serve on 127.0.0.1:{}: {e}", p.port))
     };
@@ -59,13 +59,13 @@ pub(super) fn serve(p: &Parameters, source: &Source, session: &Session) -> Resul
         if session.signals.stopped() {
             return Err(Failure::stopped(130));
         }
-        let Some(mut request) = server.recv_timeout(PATIENCE).map_err(|e| failed(&e))? else {
+        let Some(mut request) = server.recv_timeout(POLL_INTERVAL).map_err(|e| failed(&e))? else {
             continue;
         };
-        let (reply, last) = answer(&mut request, port, &token, &mut desk);
+        let (reply, last) = answer(&mut request, port, &token, &mut state);
         send(request, reply);
         if last {
-            let facts = json!({ "kind": "view", "address": address, "steps": desk.steps() });
+            let facts = json!({ "kind": "view", "address": address, "steps": state.steps() });
             return Ok(Answer::new("", facts));
         }
     }
@@ -91,7 +91,7 @@ fn send(request: Request, (status, kind, body): Reply) {
     for header in headers.into_iter().flatten() {
         response.add_header(header);
     }
-    // A browser that has gone needs no answer.
+    // The browser may have closed the connection.
     let _ = request.respond(response);
 }
 
@@ -103,12 +103,18 @@ fn text(status: u16, message: impl Into<String>) -> Reply {
     )
 }
 
-/// The answer to a request, and whether it was the last.
-fn answer(request: &mut Request, port: u16, token: &str, desk: &mut Desk) -> (Reply, bool) {
+/// The response to a request, and whether the session ends with it.
+fn answer(request: &mut Request, port: u16, token: &str, state: &mut ViewState) -> (Reply, bool) {
     let host = request.headers().iter().find(|h| h.field.equiv("Host"));
     let host = host.map_or("", |h| h.value.as_str());
     if ![format!("127.0.0.1:{port}"), format!("localhost:{port}")].contains(&host.to_owned()) {
-        return (text(403, "this server answers to its own name only"), false);
+        return (
+            text(
+                403,
+                "this server accepts requests to 127.0.0.1 and localhost only",
+            ),
+            false,
+        );
     }
     let url = request.url().to_owned();
     let inner = url.strip_prefix('/').and_then(|u| u.strip_prefix(token));
@@ -122,10 +128,10 @@ fn answer(request: &mut Request, port: u16, token: &str, desk: &mut Desk) -> (Re
         (Method::Get, "drawing.js") => (200, "text/javascript; charset=utf-8", DRAWING.into()),
         (Method::Get, "twgl.js") => (200, "text/javascript; charset=utf-8", LIBRARY.into()),
         (Method::Get, "words") => (200, "application/json", state::words().to_string().into()),
-        (Method::Get, "model") => model(desk),
+        (Method::Get, "model") => model(state),
         (Method::Post, "quit") => return (text(200, "bye"), true),
         (Method::Post, "step" | "again" | "undo" | "redo" | "save") => {
-            match body(request).and_then(|body| act(desk, what, &body)) {
+            match body(request).and_then(|body| act(state, what, &body)) {
                 Ok(reply) => reply,
                 Err(refused) => text(refused.status, refused.message),
             }
@@ -135,31 +141,34 @@ fn answer(request: &mut Request, port: u16, token: &str, desk: &mut Desk) -> (Re
     (reply, false)
 }
 
-/// Does what a request asks for.
-fn act(desk: &mut Desk, what: &str, body: &str) -> Result<Reply, Refused> {
+/// Executes the action of a request.
+fn act(state: &mut ViewState, what: &str, body: &str) -> Result<Reply, Refused> {
     match what {
-        "step" => desk.step(body)?,
-        "again" => desk.again(body)?,
-        "undo" => desk.undo()?,
-        "redo" => desk.redo()?,
+        "step" => state.step(body)?,
+        "again" => state.again(body)?,
+        "undo" => state.undo()?,
+        "redo" => state.redo()?,
         _ => {
-            let said = desk.save(body)?;
-            return Ok((200, "application/json", said.to_string().into()));
+            let saved = state.save(body)?;
+            return Ok((200, "application/json", saved.to_string().into()));
         }
     }
-    Ok(model(desk))
+    Ok(model(state))
 }
 
-fn model(desk: &mut Desk) -> Reply {
-    (200, "application/octet-stream", desk.scene())
+fn model(state: &mut ViewState) -> Reply {
+    (200, "application/octet-stream", state.scene())
 }
 
-/// The text that a request carries.
+/// The body of a request as text.
 fn body(request: &mut Request) -> Result<String, Refused> {
     let mut body = String::new();
-    let read = request.as_reader().take(MOST + 1).read_to_string(&mut body);
-    if read.is_err() || body.len() as u64 > MOST {
-        let message = format!("expected at most {MOST} bytes of text");
+    let read = request
+        .as_reader()
+        .take(MAX_BODY_BYTES + 1)
+        .read_to_string(&mut body);
+    if read.is_err() || body.len() as u64 > MAX_BODY_BYTES {
+        let message = format!("expected at most {MAX_BODY_BYTES} bytes of text");
         return Err(Refused {
             status: 413,
             message,

@@ -12,7 +12,7 @@ use std::fmt::Write;
 use std::str::FromStr;
 
 /// Most steps of a sweep: more are a slip of the keyboard.
-const MOST_STEPS: usize = 1000;
+const MAX_STEPS: usize = 1000;
 
 /// Volume fractions in steps.
 #[derive(Clone, Debug, PartialEq)]
@@ -42,10 +42,8 @@ impl FromStr for Sweep {
             ));
         }
         let count = ((to - from) / step + 1e-9).floor() as usize + 1;
-        if count > MOST_STEPS {
-            return Err(format!(
-                "found {count} steps; expected at most {MOST_STEPS}"
-            ));
+        if count > MAX_STEPS {
+            return Err(format!("found {count} steps; expected at most {MAX_STEPS}"));
         }
         // Rounded, so that the table shows the numbers that were meant.
         let value = |n: usize| ((from + n as f64 * step) * 1e12).round() / 1e12;

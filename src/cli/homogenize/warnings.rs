@@ -1,13 +1,13 @@
-//! What is odd about a period: phases that do not hang together, beams that the grid does not resolve.
+//! Warnings on a period: disconnected phases, beams that the grid does not resolve.
 
 use crate::cli::{Failure, Session};
 use crate::homogenize::{Period, Properties};
 use crate::pipeline::{CellPeriod, Warning};
 
-/// Voxels across the thinnest beam below which a warning says so.
+/// Voxels across the thinnest beam below which a warning is given.
 const THIN_BEAM: f64 = 3.0;
 
-/// Warns of phases that do not hang together and of beams that the grid does not resolve.
+/// Warns of disconnected phases and of beams that the grid does not resolve.
 pub(super) fn warn_of(
     source: &CellPeriod,
     found: &Properties,

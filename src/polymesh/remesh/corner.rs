@@ -1,7 +1,7 @@
 //! Schemes that put points at the corners within every face.
 
 use super::weight::{doo_sabin as doo_sabin_weight, honeycomb, weighted};
-use super::{Made, NONE, Old, Sketch};
+use super::{Made, NO_PARENT, Old, Sketch};
 use crate::frame::Vec3;
 
 /// A point a corner: faces, quads over edges, faces round vertices; those of two corners are left out.
@@ -14,14 +14,14 @@ fn over(old: &Old, points: Vec<Vec3>) -> Sketch {
         let t = old.twin(c);
         s.face(
             2,
-            NONE,
+            NO_PARENT,
             [old.ring.next[c], c as u32, old.ring.next[t], t as u32],
         );
     }
     for v in 0..old.vertices() {
         let around: Vec<u32> = old.ring.around(v).map(|c| c as u32).collect();
         if around.len() > 2 {
-            s.face(3, NONE, around);
+            s.face(3, NO_PARENT, around);
         }
     }
     s
@@ -76,7 +76,7 @@ pub(super) fn root4(old: &Old, p: &[f64]) -> Made {
         let t = old.twin(c);
         let (x, y) = (old.ring.vertex(c) as u32, old.ring.vertex(t) as u32);
         let [f, g] = [c, t].map(|c| [inner + c as u32, inner + old.ring.next[c]]);
-        s.face(2, NONE, [x, g[1], g[0], y, f[1], f[0]]);
+        s.face(2, NO_PARENT, [x, g[1], g[0], y, f[1], f[0]]);
     }
     Ok(s)
 }
@@ -100,11 +100,11 @@ pub(super) fn dual_twelve_six_four(old: &Old, p: &[f64]) -> Made {
     }
     for c in old.halves() {
         let t = old.twin(c);
-        s.face(2, NONE, [far(c), near(c), far(t), near(t)]);
+        s.face(2, NO_PARENT, [far(c), near(c), far(t), near(t)]);
     }
     for v in 0..old.vertices() {
         let pair = |c: usize| [near(c), far(old.ring.prior(c))];
-        s.face(3, NONE, old.ring.around(v).flat_map(pair));
+        s.face(3, NO_PARENT, old.ring.around(v).flat_map(pair));
     }
     Ok(s)
 }
@@ -156,7 +156,7 @@ pub(super) fn doo_sabin_bc_new(old: &Old, _: &[f64]) -> Made {
         let v = split.ring.vertex(c) as u32;
         let [near, far] = [c as u32, split.ring.next[c]].map(|k| inner + k);
         let [other_far, other_near] = [t as u32, split.ring.next[t]].map(|k| inner + k);
-        s.face(2, NONE, [v, other_near, other_far, far, near]);
+        s.face(2, NO_PARENT, [v, other_near, other_far, far, near]);
     }
     Ok(s)
 }

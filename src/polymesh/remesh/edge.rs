@@ -2,7 +2,7 @@
 
 use super::face::neighbours;
 use super::weight::{honeycomb as honeycomb_weight, weighted};
-use super::{Made, NONE, Old, Sketch};
+use super::{Made, NO_PARENT, Old, Sketch};
 use crate::frame::Vec3;
 use std::f64::consts::TAU;
 
@@ -13,7 +13,7 @@ pub(super) fn simplest(old: &Old, _: &[f64]) -> Made {
         s.face(1, f as u32, old.span(f).map(|c| old.edge(c)));
     }
     for v in 0..old.vertices() {
-        s.face(2, NONE, old.ring.around(v).map(|c| old.edge(c)));
+        s.face(2, NO_PARENT, old.ring.around(v).map(|c| old.edge(c)));
     }
     Ok(s)
 }
@@ -26,7 +26,7 @@ pub(super) fn vertex_truncation(old: &Old, p: &[f64]) -> Made {
         s.face(1, f as u32, old.span(f).flat_map(ends));
     }
     for v in 0..old.vertices() {
-        s.face(2, NONE, old.ring.around(v).map(|c| old.side(c)));
+        s.face(2, NO_PARENT, old.ring.around(v).map(|c| old.side(c)));
     }
     Ok(s)
 }
@@ -45,7 +45,7 @@ pub(super) fn honeycomb(old: &Old, _: &[f64]) -> Made {
     }
     for v in 0..old.vertices() {
         let pair = |c: usize| [c as u32, old.ring.prior(c) as u32];
-        s.face(2, NONE, old.ring.around(v).flat_map(pair));
+        s.face(2, NO_PARENT, old.ring.around(v).flat_map(pair));
     }
     Ok(s)
 }

@@ -1,6 +1,6 @@
 //! Schemes that put a point in every face: duals, stellations, quads about corners.
 
-use super::{Made, NONE, Old, Sketch};
+use super::{Made, NO_PARENT, Old, Sketch};
 use crate::frame::Vec3;
 use std::f64::consts::TAU;
 
@@ -8,7 +8,7 @@ use std::f64::consts::TAU;
 pub(super) fn dual(old: &Old, _: &[f64]) -> Made {
     let mut s = Sketch::new(old.centres().collect());
     for v in 0..old.vertices() {
-        s.face(1, NONE, old.ring.around(v).map(|c| old.ring.face[c]));
+        s.face(1, NO_PARENT, old.ring.around(v).map(|c| old.ring.face[c]));
     }
     Ok(s)
 }
@@ -89,7 +89,7 @@ pub(super) fn edge_removal(old: &Old, p: &[f64]) -> Made {
             old.ring.vertex(c) as u32,
             old.ring.vertex(old.twin(c)) as u32,
         );
-        s.face(1, NONE, [a, centre + g, b, centre + f]);
+        s.face(1, NO_PARENT, [a, centre + g, b, centre + f]);
     }
     Ok(s)
 }

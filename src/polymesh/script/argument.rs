@@ -2,7 +2,7 @@
 
 use super::super::expression::{ExpressionError, Value};
 use super::super::select::Scene;
-use super::{Expression, ScriptError, Workshop, nearest};
+use super::{Expression, Interpreter, ScriptError, nearest};
 use crate::frame::Vec3;
 
 /// A word of a script and its place.
@@ -41,12 +41,12 @@ impl Statement {
 /// Value of an expression that may name parameters.
 pub(super) fn number(
     expression: &Expression,
-    workshop: &Workshop,
+    interpreter: &Interpreter,
     line: usize,
     column: usize,
 ) -> Result<f64, ScriptError> {
     let parameters = |name: &str, arguments: Option<&[f64]>| match arguments {
-        None => workshop.parameters.get(name).copied().map(Value::Number),
+        None => interpreter.parameters.get(name).copied().map(Value::Number),
         Some(_) => None,
     };
     let value = expression.number(&parameters);
@@ -68,21 +68,21 @@ pub(super) fn number(
     })
 }
 
-/// The arguments of a statement, taken one by one; what is left over is an error.
+/// The arguments of a statement, consumed one by one; an unused one is an error.
 pub(super) struct Arguments<'s, 'w> {
     pub statement: &'s Statement,
-    workshop: &'s Workshop<'w>,
+    interpreter: &'s Interpreter<'w>,
     used: Vec<bool>,
-    asked: Vec<&'static str>,
+    requested: Vec<&'static str>,
 }
 
 impl<'s, 'w> Arguments<'s, 'w> {
-    pub fn new(statement: &'s Statement, workshop: &'s Workshop<'w>) -> Self {
+    pub fn new(statement: &'s Statement, interpreter: &'s Interpreter<'w>) -> Self {
         Self {
             statement,
-            workshop,
+            interpreter,
             used: vec![false; statement.words.len()],
-            asked: Vec::new(),
+            requested: Vec::new(),
         }
     }
 
@@ -106,7 +106,7 @@ impl<'s, 'w> Arguments<'s, 'w> {
 
     /// The value of a key, as a word.
     pub fn value(&mut self, key: &'static str) -> Result<Option<Word>, ScriptError> {
-        self.asked.push(key);
+        self.requested.push(key);
         let mut found = None;
         for (n, word) in self.statement.words.iter().enumerate() {
             let Some((name, value)) = split(&word.text).filter(|kv| kv.0 == key) else {
@@ -178,7 +178,7 @@ impl<'s, 'w> Arguments<'s, 'w> {
             ..self.at(word, format!("in {:?}: {}", word.text, e.message))
         };
         let parsed = Expression::parse(&word.text).map_err(fault)?;
-        number(&parsed, self.workshop, word.line, word.column).map_err(|e| ScriptError {
+        number(&parsed, self.interpreter, word.line, word.column).map_err(|e| ScriptError {
             message: format!("{}: in {:?}: {}", self.statement.verb, word.text, e.message),
             ..e
         })
@@ -271,7 +271,7 @@ impl<'s, 'w> Arguments<'s, 'w> {
 
     /// The faces that the statement names: `group=N`, `faces(...)`, `all`, `top`, `last`, `near(...)`, `ray(...)`.
     pub fn faces(&mut self) -> Result<Vec<bool>, ScriptError> {
-        let model = self.workshop.model();
+        let model = self.interpreter.model();
         let Some(mesh) = &model.mesh else {
             return Err(self.fault("there is no mesh yet; begin with a solid such as cube"));
         };
@@ -301,7 +301,7 @@ impl<'s, 'w> Arguments<'s, 'w> {
             mesh,
             last: model.last,
             tops: &model.tops,
-            parameters: &|name| self.workshop.parameters.get(name).copied(),
+            parameters: &|name| self.interpreter.parameters.get(name).copied(),
         };
         let chosen = scene.choose(&condition).map_err(fault)?;
         if chosen.contains(&true) {
@@ -322,7 +322,7 @@ impl<'s, 'w> Arguments<'s, 'w> {
         })
     }
 
-    /// Nothing may be left over.
+    /// Refuses unused arguments.
     pub fn finish(&self) -> Result<(), ScriptError> {
         let Some(n) = self.used.iter().position(|u| !u) else {
             return Ok(());
@@ -330,14 +330,14 @@ impl<'s, 'w> Arguments<'s, 'w> {
         let word = &self.statement.words[n];
         let (message, hint) = match split(&word.text) {
             Some((key, _)) => {
-                let known = if self.asked.is_empty() {
+                let known = if self.requested.is_empty() {
                     "none".to_owned()
                 } else {
-                    self.asked.join(", ")
+                    self.requested.join(", ")
                 };
                 (
                     format!("unknown argument {key:?}; expected one of {known}"),
-                    nearest(key, &self.asked).map(|w| format!("did you mean {w:?}?")),
+                    nearest(key, &self.requested).map(|w| format!("did you mean {w:?}?")),
                 )
             }
             None => (format!("unexpected {:?}", word.text), None),

@@ -262,7 +262,7 @@ impl Reader<'_> {
     }
 }
 
-/// What is said of a word that begins no step; `name` is with the words after it.
+/// The error for a word that begins no step; `name` includes the words after it.
 fn unknown(place: (usize, usize), word: &str, name: &str) -> ScriptError {
     let mut known: Vec<&str> = VERBS[1..].iter().map(|v| v.0).collect();
     known.extend(["param", "repeat"]);
@@ -272,9 +272,9 @@ fn unknown(place: (usize, usize), word: &str, name: &str) -> ScriptError {
     let lower = name.to_ascii_lowercase();
     let is_solid = solid.is_some() || lower.contains("hedron") || lower.contains("cube");
     let list = is_solid.then(|| format!("the solids are {}", seed::solids().join(", ")));
-    let said: Vec<String> = meant.into_iter().chain(list).collect();
+    let hints: Vec<String> = meant.into_iter().chain(list).collect();
     let mut error = fault(place, format!("no step is called {word:?}"));
-    error.hint = (!said.is_empty()).then(|| said.join(" "));
+    error.hint = (!hints.is_empty()).then(|| hints.join(" "));
     error
 }
 

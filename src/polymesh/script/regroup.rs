@@ -2,7 +2,7 @@
 
 use super::argument::{Arguments, Word};
 use super::step::{Done, Outcome, mesh_of};
-use super::{ScriptError, Workshop};
+use super::{Interpreter, ScriptError};
 use crate::frame::Mat3;
 use crate::polymesh::PolyMesh;
 use crate::polymesh::form::cartesian_group;
@@ -18,8 +18,8 @@ fn group_number(a: &Arguments, word: &Word) -> Result<u32, ScriptError> {
     }
 }
 
-pub(super) fn assign(a: &mut Arguments, workshop: &Workshop) -> Done {
-    let mesh = mesh_of(a, workshop)?;
+pub(super) fn assign(a: &mut Arguments, interpreter: &Interpreter) -> Done {
+    let mesh = mesh_of(a, interpreter)?;
     let chosen = a.faces()?;
     let word = a.needed("a group number, or new")?;
     let id = match word.text.as_str() {
@@ -29,13 +29,13 @@ pub(super) fn assign(a: &mut Arguments, workshop: &Workshop) -> Done {
     let groups = mesh.groups().iter().zip(&chosen);
     let groups = groups.map(|(&g, &c)| if c { id } else { g }).collect();
     Ok(Outcome::changed(
-        workshop.model(),
+        interpreter.model(),
         mesh.clone().with_groups(groups),
     ))
 }
 
-pub(super) fn merge(a: &mut Arguments, workshop: &Workshop) -> Done {
-    let mesh = mesh_of(a, workshop)?;
+pub(super) fn merge(a: &mut Arguments, interpreter: &Interpreter) -> Done {
+    let mesh = mesh_of(a, interpreter)?;
     let mut ids = Vec::new();
     while let Some(word) = a.bare() {
         let id = group_number(a, word)?;
@@ -52,25 +52,25 @@ pub(super) fn merge(a: &mut Arguments, workshop: &Workshop) -> Done {
         .map(|g| if ids.contains(g) { first } else { *g })
         .collect();
     Ok(Outcome::changed(
-        workshop.model(),
+        interpreter.model(),
         mesh.clone().with_groups(groups),
     ))
 }
 
-pub(super) fn renumber(a: &Arguments, workshop: &Workshop) -> Done {
-    let mesh = mesh_of(a, workshop)?;
+pub(super) fn renumber(a: &Arguments, interpreter: &Interpreter) -> Done {
+    let mesh = mesh_of(a, interpreter)?;
     let counts = mesh.group_counts();
     let order: Vec<u32> = counts.into_keys().collect();
     let place = |g: &u32| order.binary_search(g).map_or(1, |n| n as u32 + 1);
     let groups = mesh.groups().iter().map(place).collect();
     Ok(Outcome::changed(
-        workshop.model(),
+        interpreter.model(),
         mesh.clone().with_groups(groups),
     ))
 }
 
-pub(super) fn start_vertex(a: &mut Arguments, workshop: &Workshop) -> Done {
-    let mesh = mesh_of(a, workshop)?;
+pub(super) fn start_vertex(a: &mut Arguments, interpreter: &Interpreter) -> Done {
+    let mesh = mesh_of(a, interpreter)?;
     let chosen = a.faces()?;
     let toward = match a.value("toward")? {
         Some(word) => Some(a.vector_of(&word)?),
@@ -107,13 +107,16 @@ pub(super) fn start_vertex(a: &mut Arguments, workshop: &Workshop) -> Done {
         shift[f] = found
             .ok_or_else(|| a.fault(format!("face {f} has no vertex {}", at.unwrap_or_default())))?;
     }
-    Ok(Outcome::changed(workshop.model(), mesh.with_starts(&shift)))
+    Ok(Outcome::changed(
+        interpreter.model(),
+        mesh.with_starts(&shift),
+    ))
 }
 
-pub(super) fn symmetrize(a: &mut Arguments, workshop: &Workshop) -> Done {
+pub(super) fn symmetrize(a: &mut Arguments, interpreter: &Interpreter) -> Done {
     let rotations = a.flag("rotations")?;
     let group = a.bare();
-    let mesh = mesh_of(a, workshop)?;
+    let mesh = mesh_of(a, interpreter)?;
     let pieces = mesh.pieces().1;
     if pieces != 1 {
         return Err(a.fault(format!("the mesh has {pieces} pieces; expected one")));
@@ -123,7 +126,7 @@ pub(super) fn symmetrize(a: &mut Arguments, workshop: &Workshop) -> Done {
         Some(word) => symmetrized_by(a, mesh, &word.text, rotations)?,
     };
     let orbits = made.greatest_group();
-    let mut outcome = Outcome::changed(workshop.model(), made);
+    let mut outcome = Outcome::changed(interpreter.model(), made);
     let what = if rotations { "rotations" } else { "symmetries" };
     outcome.notes = vec![format!("{order} {what}, {orbits} orbits of faces")];
     Ok(outcome)

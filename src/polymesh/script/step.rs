@@ -1,7 +1,7 @@
 //! The steps of a script, carried out on the model.
 
 use super::argument::{Arguments, Statement, Word};
-use super::{GroupBy, LoadOptions, ScriptError, Workshop, nearest, regroup};
+use super::{GroupBy, Interpreter, LoadOptions, ScriptError, nearest, regroup};
 use crate::frame::Vec3;
 use crate::polymesh::form::{Form, SYSTEMS};
 use crate::polymesh::history::Model;
@@ -46,42 +46,47 @@ impl Outcome {
 }
 
 /// Carries a step out; on an error the model stays.
-pub(super) fn carry_out(statement: &Statement, workshop: &mut Workshop) -> Result<(), ScriptError> {
-    let mut arguments = Arguments::new(statement, workshop);
+pub(super) fn carry_out(
+    statement: &Statement,
+    interpreter: &mut Interpreter,
+) -> Result<(), ScriptError> {
+    let mut arguments = Arguments::new(statement, interpreter);
     let outcome = match statement.verb.as_str() {
         "polygon" | "prism" | "antiprism" | "pyramid" => ngon(&mut arguments),
         "grid" => grid(&mut arguments),
         "torus" => torus(&mut arguments),
         "form" => form(&mut arguments),
-        "push" => push(&mut arguments, workshop),
-        "load" => load(&mut arguments, workshop),
-        "extrude" => extrude(&mut arguments, workshop),
-        "remesh" => remesh(&mut arguments, workshop),
-        "subdivide" => subdivide(&mut arguments, workshop),
-        "assign" => regroup::assign(&mut arguments, workshop),
-        "merge" => regroup::merge(&mut arguments, workshop),
-        "renumber" => regroup::renumber(&arguments, workshop),
-        "startvertex" => regroup::start_vertex(&mut arguments, workshop),
-        "symmetrize" => regroup::symmetrize(&mut arguments, workshop),
-        "move" | "turn" | "scale" => place(&mut arguments, workshop),
-        "save" => save(&mut arguments, workshop),
+        "push" => push(&mut arguments, interpreter),
+        "load" => load(&mut arguments, interpreter),
+        "extrude" => extrude(&mut arguments, interpreter),
+        "remesh" => remesh(&mut arguments, interpreter),
+        "subdivide" => subdivide(&mut arguments, interpreter),
+        "assign" => regroup::assign(&mut arguments, interpreter),
+        "merge" => regroup::merge(&mut arguments, interpreter),
+        "renumber" => regroup::renumber(&arguments, interpreter),
+        "startvertex" => regroup::start_vertex(&mut arguments, interpreter),
+        "symmetrize" => regroup::symmetrize(&mut arguments, interpreter),
+        "move" | "turn" | "scale" => place(&mut arguments, interpreter),
+        "save" => save(&mut arguments, interpreter),
         name => solid(&mut arguments, name),
     }?;
     arguments.finish()?;
     for text in outcome.notes {
-        workshop.note(statement.line, text);
+        interpreter.note(statement.line, text);
     }
-    workshop.history.push(statement.text.clone(), outcome.model);
+    interpreter
+        .history
+        .push(statement.text.clone(), outcome.model);
     Ok(())
 }
 
 /// The mesh, which must be there.
 pub(super) fn mesh_of<'w>(
     a: &Arguments,
-    workshop: &'w Workshop,
+    interpreter: &'w Interpreter,
 ) -> Result<&'w PolyMesh, ScriptError> {
     let message = "there is no mesh yet; begin with a solid such as cube";
-    workshop.mesh().ok_or_else(|| a.fault(message))
+    interpreter.mesh().ok_or_else(|| a.fault(message))
 }
 
 fn solid(a: &mut Arguments, name: &str) -> Done {
@@ -199,12 +204,12 @@ fn crystal(form: Form) -> Result<Outcome, crate::polymesh::form::FormError> {
     Ok(outcome)
 }
 
-fn push(a: &mut Arguments, workshop: &Workshop) -> Done {
+fn push(a: &mut Arguments, interpreter: &Interpreter) -> Done {
     let plane = a.needed("a plane [h,k,l]")?;
     let hkl = a.indices(plane)?;
     let by = a.needed("a distance")?;
     let by = a.evaluate(by)?;
-    let Some(mut form) = workshop.model().form.clone() else {
+    let Some(mut form) = interpreter.model().form.clone() else {
         return Err(a.fault("the model is no crystal form any more; push right after form"));
     };
     form.push(hkl, by).map_err(|e| a.fault(e.to_string()))?;
@@ -216,7 +221,7 @@ fn file(word: &Word) -> &Path {
     Path::new(word.text.trim_matches('"'))
 }
 
-fn load(a: &mut Arguments, workshop: &Workshop) -> Done {
+fn load(a: &mut Arguments, interpreter: &Interpreter) -> Done {
     let word = a.needed("a file")?;
     let group_by = match a.value("group_by")? {
         None => GroupBy::Material,
@@ -245,29 +250,29 @@ fn load(a: &mut Arguments, workshop: &Workshop) -> Done {
         flip: a.flag("flip")?,
         allow_open: a.flag("allow_open")?,
     };
-    // A word that is not understood matters more than what the file says without it.
+    // An unknown word is reported before any fault of the file.
     a.finish()?;
-    let loaded = workshop.files.load(file(word), &options);
+    let loaded = interpreter.files.load(file(word), &options);
     let loaded = loaded.map_err(|e| a.fault(e))?;
     let mut outcome = Outcome::mesh(loaded.mesh);
     outcome.notes = loaded.warnings;
     Ok(outcome)
 }
 
-fn save(a: &mut Arguments, workshop: &Workshop) -> Done {
+fn save(a: &mut Arguments, interpreter: &Interpreter) -> Done {
     let word = a.needed("a file")?;
-    let mesh = mesh_of(a, workshop)?;
-    workshop
+    let mesh = mesh_of(a, interpreter)?;
+    interpreter
         .files
         .save(file(word), mesh)
         .map_err(|e| a.fault(e))?;
     Ok(Outcome {
-        model: workshop.model().clone(),
+        model: interpreter.model().clone(),
         notes: Vec::new(),
     })
 }
 
-fn extrude(a: &mut Arguments, workshop: &Workshop) -> Done {
+fn extrude(a: &mut Arguments, interpreter: &Interpreter) -> Done {
     let word = a.needed("an extrusion such as cubical")?;
     let Some((kind, operator)) = extrusion_named(&word.text) else {
         let names = extrusion_names();
@@ -278,7 +283,7 @@ fn extrude(a: &mut Arguments, workshop: &Workshop) -> Done {
             .or_else(|| Some(format!("expected one of {}", known.join(", "))));
         return Err(error);
     };
-    let mesh = mesh_of(a, workshop)?;
+    let mesh = mesh_of(a, interpreter)?;
     let chosen = a.faces()?;
     let tilt = a.number("tilt")?;
     let dihedral = match (a.value("dihedral")?, tilt) {
@@ -325,7 +330,7 @@ fn extrude(a: &mut Arguments, workshop: &Workshop) -> Done {
     })
 }
 
-fn remesh(a: &mut Arguments, workshop: &Workshop) -> Done {
+fn remesh(a: &mut Arguments, interpreter: &Interpreter) -> Done {
     let word = a.needed("a scheme such as checkerboard")?;
     let mut scheme = Remesh::named(&word.text).map_err(|e| {
         let names = scheme_names();
@@ -367,14 +372,14 @@ fn remesh(a: &mut Arguments, workshop: &Workshop) -> Done {
             }
         },
     };
-    let mesh = mesh_of(a, workshop)?;
+    let mesh = mesh_of(a, interpreter)?;
     scheme
         .of(mesh)
         .map(Outcome::mesh)
         .map_err(|e| a.fault(e.to_string()))
 }
 
-fn subdivide(a: &mut Arguments, workshop: &Workshop) -> Done {
+fn subdivide(a: &mut Arguments, interpreter: &Interpreter) -> Done {
     let chosen = a.faces()?;
     let into = match a.value("into")?.as_ref().map(|w| w.text.as_str()) {
         None | Some("quads") => Parts::Quads,
@@ -383,7 +388,7 @@ fn subdivide(a: &mut Arguments, workshop: &Workshop) -> Done {
             return Err(a.fault(format!("into = {other:?}; expected quads or triangles")));
         }
     };
-    let (mesh, last) = mesh_of(a, workshop)?
+    let (mesh, last) = mesh_of(a, interpreter)?
         .subdivided(&chosen, into)
         .map_err(|e| a.fault(e.to_string()))?;
     let mut outcome = Outcome::mesh(mesh);
@@ -391,8 +396,8 @@ fn subdivide(a: &mut Arguments, workshop: &Workshop) -> Done {
     Ok(outcome)
 }
 
-fn place(a: &mut Arguments, workshop: &Workshop) -> Done {
-    let mesh = mesh_of(a, workshop)?;
+fn place(a: &mut Arguments, interpreter: &Interpreter) -> Done {
+    let mesh = mesh_of(a, interpreter)?;
     let moved = match a.statement.verb.as_str() {
         "move" => {
             let by = a.needed("a shift [x, y, z]")?;
@@ -419,5 +424,5 @@ fn place(a: &mut Arguments, workshop: &Workshop) -> Done {
         }
     };
     let moved = moved.map_err(|e| a.fault(e.to_string()))?;
-    Ok(Outcome::changed(workshop.model(), moved))
+    Ok(Outcome::changed(interpreter.model(), moved))
 }

@@ -319,7 +319,7 @@ impl Collapsed {
     ///
     /// With m the middle, R the radius of the domain and q half the second derivatives by r times R R,
     /// F(r) in c +- h implies |J (xi' - m') - (c - F(m))| <= h + q, where xi' is linear in r and differs
-    /// from xi by at most (`R_a R_h`, `R_b R_h`, 0). The flag says that the box is within a small factor of
+    /// from xi by at most (`R_a R_h`, `R_b R_h`, 0). The flag states that the box is within a small factor of
     /// the preimage's own.
     fn contract(
         &self,

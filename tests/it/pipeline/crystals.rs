@@ -2,7 +2,7 @@
 
 use super::recipe;
 use druse::pipeline::{Report, RunOptions, run};
-use druse::polymesh::{NoFiles, PolyMesh, Script, Workshop};
+use druse::polymesh::{Interpreter, NoFiles, PolyMesh, Script};
 use druse::progress::Silent;
 use std::fmt::Write as _;
 
@@ -21,12 +21,12 @@ fn error(text: &str) -> String {
 }
 
 fn polygons(script: &str) -> PolyMesh {
-    let mut workshop = Workshop::new(&NoFiles);
+    let mut interpreter = Interpreter::new(&NoFiles);
     Script::parse(script)
         .unwrap()
-        .run(&mut workshop, None)
+        .run(&mut interpreter, None)
         .unwrap();
-    workshop.mesh().unwrap().clone()
+    interpreter.mesh().unwrap().clone()
 }
 
 /// A recipe with one crystal.

@@ -1,15 +1,15 @@
 //! Crystal forms: known solids, all groups and systems, pushing and pulling.
 
 use druse::polymesh::form::{Form, FormError, SYSTEMS, group_names};
-use druse::polymesh::{NoFiles, Script, Workshop};
+use druse::polymesh::{Interpreter, NoFiles, Script};
 
-fn crystal(text: &str) -> Workshop<'static> {
-    let mut workshop = Workshop::new(&NoFiles);
+fn crystal(text: &str) -> Interpreter<'static> {
+    let mut interpreter = Interpreter::new(&NoFiles);
     Script::parse(text)
         .unwrap()
-        .run(&mut workshop, None)
+        .run(&mut interpreter, None)
         .unwrap_or_else(|e| panic!("{text}: {e}"));
-    workshop
+    interpreter
 }
 
 #[test]
@@ -26,8 +26,8 @@ fn cubic_forms_are_the_solids_of_the_books() {
         ("[2,1,1]=1", (26, 48, 24), 48),
         ("[3,2,1]=1", (26, 72, 48), 48),
     ] {
-        let workshop = crystal(&format!("form cubic {planes}"));
-        let mesh = workshop.mesh().unwrap();
+        let interpreter = crystal(&format!("form cubic {planes}"));
+        let mesh = interpreter.mesh().unwrap();
         let counts = if planes.starts_with("[2,1,0]") {
             (14, 36, 24)
         } else {
@@ -61,11 +61,11 @@ fn every_group_closes_a_crystal_of_the_expected_symmetry() {
     for (n, group) in group_names().enumerate() {
         // A general plane, and faces of a box so that every group closes.
         let box_planes = "[1,0,0]=1 [0,1,0]=1 [0,0,1]=1 [-1,0,0]=1 [0,-1,0]=1 [0,0,-1]=1";
-        let workshop = crystal(&format!(
+        let interpreter = crystal(&format!(
             "form {} group={group} [7,3,2]=0.8 {box_planes}",
             system(n)
         ));
-        let mesh = workshop.mesh().unwrap();
+        let mesh = interpreter.mesh().unwrap();
         let general = mesh.groups().iter().filter(|&&g| g == 1).count();
         assert_eq!(general, orders[n], "{group}: faces of the general form");
         let found = mesh.symmetries().len();
@@ -82,7 +82,7 @@ fn pushing_a_form_keeps_its_planes_and_their_neighbours() {
     let after = crystal("form cubic [1,1,1]=1 [1,0,0]=0.9\npush [0,-1,0] 0.05\npush [1,1,1] -0.1");
     let same = crystal("form cubic [1,1,1]=0.9 [1,0,0]=0.95");
     assert_eq!(after.mesh().unwrap(), same.mesh().unwrap());
-    let normals = |w: &Workshop| -> Vec<String> {
+    let normals = |w: &Interpreter| -> Vec<String> {
         let mesh = w.mesh().unwrap();
         let mut list: Vec<String> = (0..mesh.face_count())
             .map(|f| format!("{:.9}", mesh.normal(f).map(|c| c + 0.0)))
@@ -96,9 +96,9 @@ fn pushing_a_form_keeps_its_planes_and_their_neighbours() {
 #[test]
 fn what_makes_no_crystal_is_named() {
     let error = |text: &str| {
-        let mut workshop = Workshop::new(&NoFiles);
+        let mut interpreter = Interpreter::new(&NoFiles);
         let script = Script::parse(text).unwrap();
-        script.run(&mut workshop, None).unwrap_err().to_string()
+        script.run(&mut interpreter, None).unwrap_err().to_string()
     };
     assert!(error("form cubik [1,0,0]=1").contains("did you mean \"cubic\"?"));
     assert!(error("form cubic [0,0,0]=1").contains("indices that are not all 0"));
@@ -126,8 +126,8 @@ fn what_makes_no_crystal_is_named() {
 #[test]
 fn a_form_given_twice_is_not_called_outside() {
     let quartz = std::fs::read_to_string("examples/crystal/quartz.crystal").unwrap();
-    let mut workshop = crystal(&quartz);
-    assert!(workshop.take_notes().is_empty());
+    let mut interpreter = crystal(&quartz);
+    assert!(interpreter.take_notes().is_empty());
     let mut outside = crystal("form cubic [1,0,0]=1 [1,1,1]=3");
     assert!(outside.take_notes()[0].text.contains("outside"));
 }
@@ -139,8 +139,8 @@ fn trigonal_points_to_rhombohedral() {
         "form hexagonal group=trigonal [1,0,0]=1",
         "cube; symmetrize trigonal",
     ] {
-        let mut workshop = Workshop::new(&NoFiles);
-        let error = Script::parse(text).unwrap().run(&mut workshop, None);
+        let mut interpreter = Interpreter::new(&NoFiles);
+        let error = Script::parse(text).unwrap().run(&mut interpreter, None);
         let hint = error.unwrap_err().hint.unwrap();
         assert!(hint.contains("rhombohedral"), "{text}: {hint}");
     }
@@ -162,13 +162,13 @@ fn a_mesh_is_symmetrized_by_a_group_that_it_has() {
         ("prism n=6; symmetrize D6h rotations=true", 2),
         ("prism n=6; symmetrize C6v", 3),
     ] {
-        let workshop = crystal(text);
-        let counts = workshop.mesh().unwrap().group_counts();
+        let interpreter = crystal(text);
+        let counts = interpreter.mesh().unwrap().group_counts();
         assert_eq!(counts.len(), groups, "{text}");
     }
     for text in ["cube; symmetrize 6/mmm", "prism n=5; symmetrize m-3m"] {
-        let mut workshop = Workshop::new(&NoFiles);
-        let error = Script::parse(text).unwrap().run(&mut workshop, None);
+        let mut interpreter = Interpreter::new(&NoFiles);
+        let error = Script::parse(text).unwrap().run(&mut interpreter, None);
         let message = error.unwrap_err().message;
         assert!(message.contains("does not have the group"), "{message}");
     }

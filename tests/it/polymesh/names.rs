@@ -1,6 +1,6 @@
 //! Names of the Platonic and Archimedean solids, and how they are spelled.
 
-use druse::polymesh::{NoFiles, Script, Workshop, seed};
+use druse::polymesh::{Interpreter, NoFiles, Script, seed};
 
 /// Vertices, edges and faces of each solid, from any table of them, with names that it goes by.
 const SOLIDS: [(&str, [usize; 3], &[&str]); 18] = [
@@ -116,10 +116,10 @@ const SOLIDS: [(&str, [usize; 3], &[&str]); 18] = [
 ];
 
 fn made(script: &str) -> Result<[usize; 3], (String, Option<String>)> {
-    let mut workshop = Workshop::new(&NoFiles);
-    let done = Script::parse(script).and_then(|s| s.run(&mut workshop, None));
+    let mut interpreter = Interpreter::new(&NoFiles);
+    let done = Script::parse(script).and_then(|s| s.run(&mut interpreter, None));
     done.map_err(|e| (e.message, e.hint))?;
-    let s = workshop.mesh().unwrap().summary();
+    let s = interpreter.mesh().unwrap().summary();
     let edge = s.edge_lengths;
     assert!(
         (edge.0 - 2.0).abs() < 1e-9 && (edge.1 - 2.0).abs() < 1e-9,

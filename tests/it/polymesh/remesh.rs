@@ -242,7 +242,7 @@ fn bad_parameters_and_poor_meshes_are_named() {
         .unwrap_err()
         .to_string();
     assert!(
-        poor.starts_with("dual of this mesh is no mesh: face 0 has 2 corners"),
+        poor.starts_with("dual of this mesh is not a valid mesh: face 0 has 2 corners"),
         "{poor}"
     );
 }

@@ -1,7 +1,7 @@
 //! Scripts, selections, groups, history, symmetry: the recipes of the thesis' figures, and what goes wrong.
 
 use super::{json, judge};
-use druse::polymesh::{NoFiles, PolyMesh, Script, ScriptError, Workshop};
+use druse::polymesh::{Interpreter, NoFiles, PolyMesh, Script, ScriptError};
 use proptest::prelude::*;
 
 /// The error of a script that must fail.
@@ -12,15 +12,15 @@ fn refuse(text: &str) -> ScriptError {
     }
 }
 
-fn run(text: &str) -> Result<Workshop<'static>, ScriptError> {
-    let mut workshop = Workshop::remembering(&NoFiles, 100);
-    Script::parse(text)?.run(&mut workshop, None)?;
-    Ok(workshop)
+fn run(text: &str) -> Result<Interpreter<'static>, ScriptError> {
+    let mut interpreter = Interpreter::remembering(&NoFiles, 100);
+    Script::parse(text)?.run(&mut interpreter, None)?;
+    Ok(interpreter)
 }
 
 fn made(text: &str) -> PolyMesh {
-    let workshop = run(text).unwrap_or_else(|e| panic!("{text}: {e}"));
-    workshop.mesh().unwrap().clone()
+    let interpreter = run(text).unwrap_or_else(|e| panic!("{text}: {e}"));
+    interpreter.mesh().unwrap().clone()
 }
 
 /// The recipes of the tables, as scripts; `{k}` is the number at the end of their names.
@@ -223,26 +223,26 @@ fn parameters_loops_and_until() {
     let script = Script::parse(text).unwrap();
     assert_eq!(script.parameters(), ["n", "h"]);
     let faces = |set: &[(&str, &str)], until| {
-        let mut workshop = Workshop::new(&NoFiles);
+        let mut interpreter = Interpreter::new(&NoFiles);
         for (k, v) in set {
-            workshop.set(k, v).unwrap();
+            interpreter.set(k, v).unwrap();
         }
-        script.run(&mut workshop, until).unwrap();
-        workshop.mesh().map_or(0, PolyMesh::face_count)
+        script.run(&mut interpreter, until).unwrap();
+        interpreter.mesh().map_or(0, PolyMesh::face_count)
     };
     assert_eq!(faces(&[], Some(3)), 7);
     assert_eq!(faces(&[("n", "1+2")], Some(3)), 6);
     assert_eq!(faces(&[], Some(2)), 0);
     // Four times: faces become faces and vertices, and vertices double with the edges.
     assert_eq!(faces(&[], None), 7 + 10 + 15 + 30 + 60);
-    let mut workshop = Workshop::new(&NoFiles);
-    workshop.set("m", "1").unwrap();
-    let error = script.run(&mut workshop, None).unwrap_err().to_string();
+    let mut interpreter = Interpreter::new(&NoFiles);
+    interpreter.set("m", "1").unwrap();
+    let error = script.run(&mut interpreter, None).unwrap_err().to_string();
     assert_eq!(
         error,
         "line 1: no parameter is named \"m\"; the script has n, h; did you mean \"n\"?"
     );
-    assert!(workshop.set("n", "1/").is_err());
+    assert!(interpreter.set("n", "1/").is_err());
 }
 
 #[test]
@@ -352,7 +352,7 @@ fn errors_name_line_column_and_a_way_out() {
             "polygon n=4; remesh dual",
             1,
             14,
-            "dual of this mesh is no mesh",
+            "dual of this mesh is not a valid mesh",
         ),
     ] {
         let error = refuse(text);
@@ -367,14 +367,14 @@ fn errors_name_line_column_and_a_way_out() {
 
 #[test]
 fn notes_come_with_their_lines() {
-    let mut workshop = run(
+    let mut interpreter = run(
         "cube\nextrude tetrahedral all iterations=3\nextrude icosahedral top dihedral=80",
     )
     .or_else(|_| {
         run("cube\nextrude tetrahedral all iterations=3\nextrude icosahedral last dihedral=80")
     })
     .unwrap();
-    let notes = workshop.take_notes();
+    let notes = interpreter.take_notes();
     assert!(
         notes
             .iter()
@@ -411,30 +411,30 @@ proptest! {
 
     #[test]
     fn undo_and_redo_restore_models_bit_for_bit(steps in prop::collection::vec(step(), 1..6), back in 1usize..8) {
-        let mut workshop = Workshop::remembering(&NoFiles, 50);
-        let mut models = vec![workshop.model().clone()];
+        let mut interpreter = Interpreter::remembering(&NoFiles, 50);
+        let mut models = vec![interpreter.model().clone()];
         let all = std::iter::once("tetrahedron").chain(steps.iter().copied());
         for step in all {
-            Script::parse(step).unwrap().run(&mut workshop, None).unwrap();
-            models.push(workshop.model().clone());
+            Script::parse(step).unwrap().run(&mut interpreter, None).unwrap();
+            models.push(interpreter.model().clone());
         }
         let last = models.len() - 1;
         let back = back.min(last);
         for k in 1..=back {
-            prop_assert!(workshop.history().undo().is_some());
-            prop_assert_eq!(workshop.model(), &models[last - k]);
+            prop_assert!(interpreter.history().undo().is_some());
+            prop_assert_eq!(interpreter.model(), &models[last - k]);
         }
         for k in (0..back).rev() {
-            prop_assert!(workshop.history().redo().is_some());
-            prop_assert_eq!(workshop.model(), &models[last - k]);
+            prop_assert!(interpreter.history().redo().is_some());
+            prop_assert_eq!(interpreter.model(), &models[last - k]);
         }
-        prop_assert!(workshop.history().redo().is_none());
+        prop_assert!(interpreter.history().redo().is_none());
         // A failed step changes nothing; a new one forgets what was undone.
-        let failed = Script::parse("merge 77 78").unwrap().run(&mut workshop, None);
-        prop_assert!(failed.is_err() && workshop.model() == &models[last]);
-        if workshop.history().undo().is_some() && workshop.mesh().is_some() {
-            Script::parse("renumber").unwrap().run(&mut workshop, None).unwrap();
-            prop_assert!(workshop.history().redo().is_none());
+        let failed = Script::parse("merge 77 78").unwrap().run(&mut interpreter, None);
+        prop_assert!(failed.is_err() && interpreter.model() == &models[last]);
+        if interpreter.history().undo().is_some() && interpreter.mesh().is_some() {
+            Script::parse("renumber").unwrap().run(&mut interpreter, None).unwrap();
+            prop_assert!(interpreter.history().redo().is_none());
         }
     }
 
@@ -446,16 +446,16 @@ proptest! {
 
 #[test]
 fn a_history_is_bounded() {
-    let mut workshop = Workshop::remembering(&NoFiles, 3);
+    let mut interpreter = Interpreter::remembering(&NoFiles, 3);
     for _ in 0..9 {
         Script::parse("cube")
             .unwrap()
-            .run(&mut workshop, None)
+            .run(&mut interpreter, None)
             .unwrap();
     }
-    let undone = std::iter::from_fn(|| workshop.history().undo().map(str::to_owned)).count();
+    let undone = std::iter::from_fn(|| interpreter.history().undo().map(str::to_owned)).count();
     assert_eq!(undone, 3);
-    assert!(workshop.mesh().is_some());
+    assert!(interpreter.mesh().is_some());
 }
 
 #[test]

@@ -1,6 +1,6 @@
 //! Chosen faces cut into quads and triangles.
 
-use druse::polymesh::{NoFiles, Parts, PolyMesh, Script, Workshop, seed};
+use druse::polymesh::{Interpreter, NoFiles, Parts, PolyMesh, Script, seed};
 use proptest::prelude::*;
 
 proptest! {
@@ -35,9 +35,9 @@ proptest! {
 #[test]
 fn scripts_subdivide_what_they_select() {
     let run = |text: &str| {
-        let mut workshop = Workshop::new(&NoFiles);
-        Script::parse(text)?.run(&mut workshop, None)?;
-        Ok::<_, druse::polymesh::ScriptError>(workshop.mesh().unwrap().clone())
+        let mut interpreter = Interpreter::new(&NoFiles);
+        Script::parse(text)?.run(&mut interpreter, None)?;
+        Ok::<_, druse::polymesh::ScriptError>(interpreter.mesh().unwrap().clone())
     };
     let quads = run("cube; subdivide top").unwrap();
     // The four faces beside it have five corners now.

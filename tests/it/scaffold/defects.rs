@@ -141,7 +141,7 @@ fn duplicate_unmerged_overlapping_torn_and_unused_are_found() {
     )
     .report();
     assert_eq!(three.defects.duplicates, [(100, 102)]);
-    assert_eq!(three.defects.crowded, [vec![100, 101, 102]]);
+    assert_eq!(three.defects.non_manifold, [vec![100, 101, 102]]);
 
     let beside = [([0.0; 3], ONE), ([1.0, 0.0, 0.0], ONE)];
     let apart = hexes(&beside, false).report();

@@ -5,14 +5,14 @@ use crate::polymesh::{Files, LoadOptions, Loaded, PolyMesh};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// One directory, without what lies below it.
-pub(super) struct Fence {
+/// One directory, without its subdirectories.
+pub(super) struct Sandbox {
     directory: PathBuf,
     closed: AtomicBool,
 }
 
-impl Fence {
-    /// A fence round a directory; until it is closed, other places can be read.
+impl Sandbox {
+    /// Restricts writing to a directory; reading too, once the sandbox is closed.
     pub fn new(directory: &Path) -> Self {
         let here = directory.as_os_str().is_empty();
         Self {
@@ -21,7 +21,7 @@ impl Fence {
         }
     }
 
-    /// From now on only the directory is read.
+    /// Restricts reading to the directory from now on.
     pub fn close(&self) {
         self.closed.store(true, Ordering::Relaxed);
     }
@@ -61,7 +61,7 @@ impl Fence {
     }
 }
 
-impl Files for Fence {
+impl Files for Sandbox {
     fn load(&self, path: &Path, options: &LoadOptions) -> Result<Loaded, String> {
         let path = if self.closed.load(Ordering::Relaxed) {
             self.inside(path)?

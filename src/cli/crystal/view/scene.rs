@@ -8,12 +8,12 @@ use crate::polymesh::{PolyMesh, group_color};
 use serde_json::{Value, json};
 
 /// Triangles beyond which a model is not drawn.
-const DRAWN: usize = 2_000_000;
+const MAX_DRAWN_TRIANGLES: usize = 2_000_000;
 
-/// A model with what is said about it.
+/// A model with its description.
 pub(super) fn pack(mesh: Option<&PolyMesh>, mut about: Value) -> Vec<u8> {
     let cut = mesh.and_then(|m| m.triangulated().ok());
-    let cut = cut.filter(|c| c.mesh.triangles().len() <= DRAWN);
+    let cut = cut.filter(|c| c.mesh.triangles().len() <= MAX_DRAWN_TRIANGLES);
     about["drawn"] = json!(cut.is_some());
     let (mut positions, mut numbers) = (Vec::new(), Vec::new());
     if let (Some(mesh), Some(cut)) = (mesh, &cut) {

@@ -1,24 +1,24 @@
-//! What the viewer works on: a workshop, and the script that its model follows from.
+//! The state of the viewer: the model that is edited, its history, and the script that reproduces it.
 
 use super::super::super::{Failure, Session};
 use super::super::{Source, begin, touching};
-use super::sandbox::Fence;
+use super::sandbox::Sandbox;
 use super::scene;
 use crate::io::DiskFiles;
 use crate::io::atomic::write_bytes;
 use crate::polymesh::{
-    Files, Kind, PolyMesh, Script, Workshop, extrusion_named, extrusion_names, scheme_names,
+    Files, Interpreter, Kind, PolyMesh, Script, extrusion_named, extrusion_names, scheme_names,
 };
 use serde_json::{Value, json};
 use std::fmt::Write;
 use std::path::Path;
 
 /// Steps that can be undone.
-const REMEMBERED: usize = 500;
-/// Faces beyond which self-intersections are not looked for at every step.
-const SEARCHED: usize = 20_000;
+const MAX_UNDO_STEPS: usize = 500;
+/// Maximum number of faces of a mesh that every step checks for self-intersections.
+const MAX_CHECKED_FACES: usize = 20_000;
 
-/// What a request cannot have, as a status of HTTP and a sentence.
+/// Why a request is refused: an HTTP status and a message.
 pub(super) struct Refused {
     pub status: u16,
     pub message: String,
@@ -44,10 +44,10 @@ pub(super) fn words() -> Value {
     json!({ "extrusions": extrusions, "schemes": scheme_names() })
 }
 
-/// A model that is being worked on.
-pub(super) struct Desk<'a> {
-    workshop: Workshop<'a>,
-    fence: &'a Fence,
+/// The model that is edited.
+pub(super) struct ViewState<'a> {
+    interpreter: Interpreter<'a>,
+    sandbox: &'a Sandbox,
     session: &'a Session,
     /// The script that was opened, and the steps that it made.
     text: String,
@@ -57,15 +57,19 @@ pub(super) struct Desk<'a> {
     notes: Vec<String>,
 }
 
-impl<'a> Desk<'a> {
-    /// Carries a script out and lays its model on the desk.
-    pub fn open(source: &Source, fence: &'a Fence, session: &'a Session) -> Result<Self, Failure> {
-        let mut workshop = Workshop::remembering(fence, REMEMBERED);
-        begin(&mut workshop, source, None, session)?;
+impl<'a> ViewState<'a> {
+    /// Runs a script and opens its model.
+    pub fn open(
+        source: &Source,
+        sandbox: &'a Sandbox,
+        session: &'a Session,
+    ) -> Result<Self, Failure> {
+        let mut interpreter = Interpreter::remembering(sandbox, MAX_UNDO_STEPS);
+        begin(&mut interpreter, source, None, session)?;
         Ok(Self {
-            opened: workshop.steps(),
-            workshop,
-            fence,
+            opened: interpreter.steps(),
+            interpreter,
+            sandbox,
             session,
             text: source.text.clone(),
             set: !source.parameters.is_empty(),
@@ -75,19 +79,19 @@ impl<'a> Desk<'a> {
 
     /// The steps that made the model.
     pub fn steps(&self) -> Vec<String> {
-        self.workshop.steps()
+        self.interpreter.steps()
     }
 
-    /// Carries steps out; on an error the model stays.
+    /// Runs steps; on an error the model stays as it was.
     pub fn step(&mut self, text: &str) -> Result<(), Refused> {
-        let before = self.workshop.clone();
-        let done = Script::parse(text).and_then(|s| s.run(&mut self.workshop, None));
+        let before = self.interpreter.clone();
+        let done = Script::parse(text).and_then(|s| s.run(&mut self.interpreter, None));
         if let Err(e) = done {
-            self.workshop = before;
+            self.interpreter = before;
             return Err(Refused::new(e.to_string()));
         }
         self.notes = self
-            .workshop
+            .interpreter
             .take_notes()
             .into_iter()
             .map(|n| n.text)
@@ -97,11 +101,11 @@ impl<'a> Desk<'a> {
 
     /// Replaces the last step by another one.
     pub fn again(&mut self, text: &str) -> Result<(), Refused> {
-        let before = self.workshop.clone();
+        let before = self.interpreter.clone();
         self.undo()?;
         let done = self.step(text);
         if done.is_err() {
-            self.workshop = before;
+            self.interpreter = before;
         }
         done
     }
@@ -109,7 +113,7 @@ impl<'a> Desk<'a> {
     /// Goes back one step.
     pub fn undo(&mut self) -> Result<(), Refused> {
         self.notes.clear();
-        let done = self.workshop.history().undo().is_some();
+        let done = self.interpreter.history().undo().is_some();
         done.then_some(())
             .ok_or_else(|| Refused::new("nothing to undo"))
     }
@@ -117,7 +121,7 @@ impl<'a> Desk<'a> {
     /// Goes forward one step.
     pub fn redo(&mut self) -> Result<(), Refused> {
         self.notes.clear();
-        let done = self.workshop.history().redo().is_some();
+        let done = self.interpreter.history().redo().is_some();
         done.then_some(())
             .ok_or_else(|| Refused::new("nothing to redo"))
     }
@@ -125,7 +129,7 @@ impl<'a> Desk<'a> {
     /// The script that makes the model: the one that was opened with the steps since, or, where some of its
     /// own were undone, the steps one by one.
     pub fn script(&self) -> String {
-        let steps = self.workshop.steps();
+        let steps = self.interpreter.steps();
         let mut text = String::new();
         let since = if !self.set && steps.starts_with(&self.opened) {
             text.push_str(&self.text);
@@ -134,7 +138,7 @@ impl<'a> Desk<'a> {
             }
             &steps[self.opened.len()..]
         } else {
-            for (name, value) in self.workshop.parameters() {
+            for (name, value) in self.interpreter.parameters() {
                 let _ = writeln!(text, "param {name} = {value}");
             }
             &steps[..]
@@ -146,18 +150,18 @@ impl<'a> Desk<'a> {
         text
     }
 
-    /// Writes the script (`.crystal`) or the model under a plain name; says what was written.
+    /// Writes the script (`.crystal`) or the model under a plain name; returns path and size.
     pub fn save(&self, name: &str) -> Result<Value, Refused> {
         let name = Path::new(name.trim());
-        let path = self.fence.inside(name).map_err(|message| Refused {
+        let path = self.sandbox.inside(name).map_err(|message| Refused {
             status: 403,
             message,
         })?;
-        let Some(mesh) = self.workshop.shared() else {
+        let Some(mesh) = self.interpreter.shared() else {
             return Err(Refused::new("there is no mesh yet"));
         };
         if name.extension().is_none_or(|e| e != "crystal") {
-            self.fence.save(name, &mesh).map_err(Refused::new)?;
+            self.sandbox.save(name, &mesh).map_err(Refused::new)?;
         } else {
             let script = self.script();
             self.replay(&script, &mesh)?;
@@ -167,9 +171,9 @@ impl<'a> Desk<'a> {
         Ok(json!({ "path": path.display().to_string(), "bytes": bytes }))
     }
 
-    /// A script that makes another model than this one is no use.
+    /// Refuses a script that does not reproduce the model.
     fn replay(&self, script: &str, mesh: &PolyMesh) -> Result<(), Refused> {
-        let files = DiskFiles::new(self.fence.directory(), false);
+        let files = DiskFiles::new(self.sandbox.directory(), false);
         let made = crate::io::carry_out(script, &files, &[]);
         let (made, _) =
             made.map_err(|e| Refused::new(format!("the script does not replay: {e}")))?;
@@ -177,20 +181,20 @@ impl<'a> Desk<'a> {
             return Ok(());
         }
         Err(Refused::new(
-            "the script makes another model: more steps were undone than are remembered, or a file has changed",
+            "the script makes another model: more steps were undone than the history keeps, or a file has changed",
         ))
     }
 
     /// The model for the page.
     pub fn scene(&mut self) -> Vec<u8> {
-        let mesh = self.workshop.shared();
+        let mesh = self.interpreter.shared();
         let mut notes = self.notes.clone();
-        let small = |m: &&PolyMesh| m.face_count() <= SEARCHED;
+        let small = |m: &&PolyMesh| m.face_count() <= MAX_CHECKED_FACES;
         if let Some(mesh) = mesh.as_deref().filter(small) {
             let met = touching(mesh, self.session).ok().flatten();
             notes.extend(met.map(|(line, _)| line));
         }
-        let history = self.workshop.history();
+        let history = self.interpreter.history();
         let (back, forth) = (history.can_undo(), history.can_redo());
         let about = json!({
             "script": self.script(),
