@@ -173,7 +173,7 @@ fn winding_numbers() {
     );
 }
 
-/// The triangles of a mesh by themselves, their corners a little astray, one in fifty left out.
+/// The triangles of a mesh by themselves, their corners a little jittered, one in fifty left out.
 fn loosened(mesh: &TriMesh) -> Result<TriMesh, druse::mesh::MeshError> {
     let mut state = 1u64;
     let mut random = || {
@@ -186,8 +186,8 @@ fn loosened(mesh: &TriMesh) -> Result<TriMesh, druse::mesh::MeshError> {
     for corners in mesh.iter_corners() {
         let first = vertices.len() as u32;
         if random() < 0.48 {
-            let astray = |p: Vec3, r: [f64; 3]| p + Vec3::from(r) * 4e-4;
-            vertices.extend(corners.map(|p| astray(p, [random(), random(), random()])));
+            let jittered = |p: Vec3, r: [f64; 3]| p + Vec3::from(r) * 4e-4;
+            vertices.extend(corners.map(|p| jittered(p, [random(), random(), random()])));
             triangles.push([first, first + 1, first + 2]);
         }
     }

@@ -3,8 +3,8 @@
 //! `cargo bench --bench scaffolds`, for some kinds `cargo bench --bench scaffolds -- Tet10 Hex20`: for each
 //! kind of element, nanoseconds per evaluated voxel of leaves of a tiling over bent elements; of leaves in
 //! the midst of one straight element, whose distances are found by the same rule without inverse maps,
-//! owners and neighbours; and of the cell's table alone, asked again for the values and gradients that
-//! the tiling asked it for, at the same points. The scaffold is to cost at most 3 times the straight
+//! owners and neighbours; and of the cell's table alone, called again for the values and gradients that
+//! the tiling needed, at the same points. The scaffold is to cost at most 3 times the straight
 //! element; its ratio to the look-ups alone is shown beside it. Processor time, rounds in turn, medians.
 
 use druse::cell::{Surface, Table};
@@ -47,34 +47,34 @@ fn block(kind: Kind) -> Scaffold {
     Scaffold::new(nodes, elements).unwrap()
 }
 
-/// What a tiling asks a cell.
-enum Asked {
+/// A call from a tiling to its cell.
+enum Query {
     Value(CellPoint<3>),
     Slope(CellPoint<3>),
     Values(Vec<CellPoint<3>>),
     Slopes(Vec<CellPoint<3>>),
 }
 
-/// A table that notes what it is asked.
+/// A table that records its calls.
 struct Noted<'a> {
     table: &'a Table,
-    asked: Mutex<Vec<Asked>>,
+    queries: Mutex<Vec<Query>>,
 }
 
 impl Noted<'_> {
-    fn note(&self, question: Asked) {
-        self.asked.lock().unwrap().push(question);
+    fn note(&self, question: Query) {
+        self.queries.lock().unwrap().push(question);
     }
 }
 
 impl Field for Noted<'_> {
     type Point = CellPoint<3>;
     fn value(&self, p: CellPoint<3>) -> f64 {
-        self.note(Asked::Value(p));
+        self.note(Query::Value(p));
         Field::value(self.table, p)
     }
     fn value_and_gradient(&self, p: CellPoint<3>) -> (f64, Vec3) {
-        self.note(Asked::Slope(p));
+        self.note(Query::Slope(p));
         Field::value_and_gradient(self.table, p)
     }
     fn bound(&self, region: &CellBox<3>) -> Interval {
@@ -96,11 +96,11 @@ impl CellField for Noted<'_> {
         CellField::gradient_rms(self.table)
     }
     fn values(&self, points: &[CellPoint<3>], out: &mut [f64]) {
-        self.note(Asked::Values(points.to_vec()));
+        self.note(Query::Values(points.to_vec()));
         CellField::values(self.table, points, out);
     }
     fn slopes(&self, points: &[CellPoint<3>], out: &mut [(f64, Vec3)]) {
-        self.note(Asked::Slopes(points.to_vec()));
+        self.note(Query::Slopes(points.to_vec()));
         CellField::slopes(self.table, points, out);
     }
 }
@@ -154,7 +154,7 @@ fn leaf(corner: Vec3, h: f64) -> SampleLattice<WorldPoint> {
 /// Rounds of each measurement.
 const ROUNDS: usize = 7;
 /// What the ratio is to be at most.
-const MOST: f64 = 3.0;
+const MAX_RATIO: f64 = 3.0;
 
 /// Seconds of processor time that this process has used.
 fn processor_seconds() -> f64 {
@@ -189,7 +189,7 @@ fn main() {
         let table = Table::new(&surface.cell(kind.shape()).unwrap()).unwrap();
         let noted = Noted {
             table: &table,
-            asked: Mutex::default(),
+            queries: Mutex::default(),
         };
         let h = 0.02;
         let options = TilingOptions {
@@ -208,12 +208,12 @@ fn main() {
         let (mut looked, mut active) = (0u64, 0usize);
         let mut out = vec![0f32; 512];
         let noting = TiledSolid::new(&scaffold, &noted, options).unwrap();
-        noted.asked.lock().unwrap().clear();
+        noted.queries.lock().unwrap().clear();
         for leaf in &leaves {
             looked += noting.fill_counting(leaf, &mut out);
             active += out.iter().filter(|v| v.abs() < (3.0 * h) as f32).count();
         }
-        let asked = noted.asked.lock().unwrap();
+        let queries = noted.queries.lock().unwrap();
         let (mut values, mut slopes) = (vec![0.0; 512], vec![(0.0, Vec3::zeros()); 512]);
         let evaluated: u64 = inner
             .iter()
@@ -233,12 +233,12 @@ fn main() {
                 black_box(&out);
             }
             let between = processor_seconds();
-            for question in &*asked {
+            for question in &*queries {
                 match question {
-                    Asked::Value(p) => values[0] = Field::value(&table, *p),
-                    Asked::Slope(p) => slopes[0] = Field::value_and_gradient(&table, *p),
-                    Asked::Values(p) => CellField::values(&table, p, &mut values[..p.len()]),
-                    Asked::Slopes(p) => CellField::slopes(&table, p, &mut slopes[..p.len()]),
+                    Query::Value(p) => values[0] = Field::value(&table, *p),
+                    Query::Slope(p) => slopes[0] = Field::value_and_gradient(&table, *p),
+                    Query::Values(p) => CellField::values(&table, p, &mut values[..p.len()]),
+                    Query::Slopes(p) => CellField::slopes(&table, p, &mut slopes[..p.len()]),
                 }
                 black_box((&values, &slopes));
             }
@@ -254,7 +254,11 @@ fn main() {
             median(whole) * 1e9,
             median(pure) * 1e9,
             by_rule,
-            if by_rule <= MOST { "met" } else { "not met" },
+            if by_rule <= MAX_RATIO {
+                "met"
+            } else {
+                "not met"
+            },
             median(cell) * 1e9,
             looked as f64 / active as f64,
         );

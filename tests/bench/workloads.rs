@@ -1,10 +1,8 @@
 //! The speed of Druse beside its limits: `cargo bench --bench workloads`.
 //!
-//! Every figure is measured side by side with its baseline in this process: rounds in turn, processor
-//! time, median of the ratios. `-- P1 P13` measures some, `-- --json` prints one object by figure,
-//! `-- --full` takes the sizes of the README's table instead of those that suit a quick check.
-//! Wall times of two threads count only while other processes leave the machine alone. `-- P18.native`
-//! first builds this bench for this machine's processor, under `target/native`.
+//! Every figure is measured with its baseline in one process: alternating rounds, processor time, median of
+//! the ratios. `-- P1 P13` measures some, `-- --json` prints one object, `-- --full` takes the sizes of the
+//! guide's table, `-- P18.native` first builds this bench for this processor, under `target/native`.
 //!
 //! | workload | what |
 //! |---|---|
@@ -14,9 +12,8 @@
 //! | W3 | two cells blended over a block of hexes |
 //! | W4 | 5^3 strut cells of 100 voxels, in full 800: larger than its memory |
 //!
-//! Baselines: a scalar f64 callback per voxel, the way of programs that take the user's function; the
-//! same in f32 by leaves; dense arrays from 1-D tables, as a good numpy program has them; the products of a
-//! series at every voxel; writing the bytes of the leaves; fused multiplications.
+//! Baselines: a scalar f64 callback per voxel; the same in f32 by leaves; dense arrays from 1-D tables, as in
+//! numpy; a series' products at every voxel; writing the bytes of the leaves; fused multiplications.
 
 mod workloads {
     pub mod baselines;
@@ -40,14 +37,14 @@ mod workloads {
     #[cfg(feature = "vdb")]
     pub mod write;
 }
-use workloads::figure::{FIGURES, Found, asks_for, object, table};
+use workloads::figure::{FIGURES, Found, matches_key, object, table};
 #[cfg(all(feature = "vdb", feature = "cli"))]
 use workloads::stream;
 use workloads::{builds, child, fits, table as look_up, w1, w2};
 #[cfg(feature = "vdb")]
 use workloads::{filters, mesher, write};
 
-/// What the command line asks for.
+/// The options of the command line.
 pub struct Setting {
     /// Sizes of the README's table.
     pub full: bool,
@@ -176,10 +173,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             name => names.push(name.to_owned()),
         }
     }
-    let is_wanted = |key: &str| names.is_empty() || names.iter().any(|n| asks_for(n, key));
+    let is_wanted = |key: &str| names.is_empty() || names.iter().any(|n| matches_key(n, key));
     if let Some(name) = names
         .iter()
-        .find(|n| !FIGURES.iter().any(|f| asks_for(n, f.key)))
+        .find(|n| !FIGURES.iter().any(|f| matches_key(n, f.key)))
     {
         return Err(format!("{name}: no such figure; P1 to P18, P13.mean, ...").into());
     }

@@ -1,4 +1,4 @@
-//! Runs in bricks: they say what the run in memory says, whatever the bricks, the stops, the damage.
+//! Runs in bricks: the same result as in memory at any brick size, after stops and after damage.
 
 use super::malformed::damage::{Dice, damage};
 use druse::band::{Band, LeafFileHead, LeafFileWriter, LeafStore, Region};
@@ -9,11 +9,11 @@ use std::fs::File;
 use std::path::Path;
 
 #[cfg(feature = "vdb")]
+mod components;
+#[cfg(feature = "vdb")]
 mod grids;
 #[cfg(feature = "vdb")]
 mod meshes;
-#[cfg(feature = "vdb")]
-mod pieces;
 #[cfg(feature = "vdb")]
 mod runs;
 #[cfg(feature = "vdb")]
@@ -110,7 +110,7 @@ fn damaged_leaf_files_are_refused() {
         if bytes == good {
             continue;
         }
-        // Half of them with a hash that fits, as somebody with ill intent would make it.
+        // Half of them with a hash that fits, as in a forged file.
         if dice.below(2) == 0 && bytes.len() > 200 {
             let end = bytes.len() - 32;
             let hash = blake3::hash(&bytes[..end]);

@@ -2,11 +2,11 @@
 
 mod direct;
 mod displacement;
+mod expression;
 mod face_normal;
 mod figures;
 mod file;
 mod fit;
-mod form;
 mod fourier;
 mod icosahedral;
 mod minkowski;
@@ -164,7 +164,7 @@ fn values_gradients_and_bounds_are_those_of_the_reference() {
         let table = Table::new(&cell).unwrap();
         let found = number("max|grad| found by 60000 random points (<= L_rigorous)");
         assert!(table.gradient_sup() < l1);
-        // The random points fill the period, of which a tet is a part; a hex is all of it.
+        // The random points fill the period, and a tet is a part of it; a hex is all of it.
         if element == Element::Hex {
             assert!(
                 table.gradient_sup() > found,

@@ -283,7 +283,7 @@ fn the_least_voxel_is_written_and_a_smaller_one_refused_at_once() {
     let place = Place::with(&recipe(0.9999 * least));
     let words = &["OpenVDB holds none", "smaller unit"];
     refuse(&place, &["run", "r.toml"], 65, words);
-    // No more is asked than OpenVDB asks.
+    // The rules are no stricter than OpenVDB's.
     assert!((least * 1e-3).powi(3) < 3.001e-15);
 }
 

@@ -2,7 +2,7 @@
 //!
 //! A format is one row of [`formats`]. Each is read in a child process of its own, which is this test
 //! again with `DRUSE_MALFORMED` set: there peak memory is that of the reader alone. `.vdb` files are
-//! read by the program, which looks at them in a child of its own.
+//! read by the program, which opens them in a child process.
 
 use druse::frame::{LengthUnit, Vec3};
 use druse::io::{
@@ -69,7 +69,7 @@ impl From<RecipeError> for Refusal {
 }
 
 /// Longest time that one file may take; the program looks twice, and ends its child after 10 s.
-const PATIENCE: Duration = Duration::from_secs(25);
+const READ_TIMEOUT: Duration = Duration::from_secs(25);
 /// Most memory that reading small files may ever have taken, in KiB.
 const MEMORY: u64 = 256 << 10;
 
@@ -398,15 +398,15 @@ fn peak() -> u64 {
         .unwrap()
 }
 
-/// Reads one damaged file; says what went wrong, or whether it was accepted.
+/// Reads one damaged file; returns the error, or that it was accepted.
 fn judge(path: &Path, read: fn(&Path) -> Result<(), Refusal>) -> Result<bool, String> {
     let (send, receive) = mpsc::channel();
     let to_read = path.to_owned();
     std::thread::spawn(move || {
         let _ = send.send(std::panic::catch_unwind(|| read(&to_read)));
     });
-    let Refusal { text, clear } = match receive.recv_timeout(PATIENCE) {
-        Err(_) => return Err(format!("no answer within {PATIENCE:?}")),
+    let Refusal { text, clear } = match receive.recv_timeout(READ_TIMEOUT) {
+        Err(_) => return Err(format!("no answer within {READ_TIMEOUT:?}")),
         Ok(Err(_)) => return Err("a panic".into()),
         Ok(Ok(Ok(()))) => return Ok(true),
         Ok(Ok(Err(refusal))) => refusal,
@@ -479,8 +479,9 @@ fn damaged_files_give_one_clear_error() {
             .env("DRUSE_MALFORMED", format.name)
             .output()
             .unwrap();
-        let said = String::from_utf8_lossy(&output.stdout);
-        said.lines()
+        let listed = String::from_utf8_lossy(&output.stdout);
+        listed
+            .lines()
             .filter(|l| l.starts_with("figure:"))
             .for_each(|l| println!("{l}"));
         if !output.status.success() {

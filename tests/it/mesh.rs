@@ -105,7 +105,7 @@ fn varied() -> Vec<TriMesh> {
     ]
 }
 
-const AROUND: Aabb = Aabb {
+const SEARCH_BOX: Aabb = Aabb {
     min: Vec3::new(-1.7, -1.7, -1.7),
     max: Vec3::new(1.7, 1.7, 1.7),
 };
@@ -194,7 +194,7 @@ fn distance_and_winding_agree_with_sums_over_all_triangles() {
     let open: Vec<TriMesh> = whole.iter().map(|m| without(m, |t, _| t == 11)).collect();
     for mesh in whole.into_iter().chain(open) {
         let solid = MeshSolid::new(mesh.clone());
-        for p in points(&AROUND, 1000) {
+        for p in points(&SEARCH_BOX, 1000) {
             let c = solid.closest(p);
             let scan = mesh
                 .iter_corners()
@@ -221,7 +221,7 @@ fn distance_and_winding_agree_with_sums_over_all_triangles() {
 #[test]
 fn needles_and_points_keep_the_distance_exact() {
     // Triangles that degenerate to needles, segments and points.
-    let p = points(&AROUND, 600);
+    let p = points(&SEARCH_BOX, 600);
     let shrunk = |i: usize, f: f64| p[3 * i] + (p[3 * i + 1] - p[3 * i]) * f;
     let mut vertices = Vec::new();
     for i in 0..200 {
@@ -239,7 +239,7 @@ fn needles_and_points_keep_the_distance_exact() {
     let triangles = (0..200).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
     let mesh = TriMesh::new(vertices, triangles).unwrap();
     let solid = MeshSolid::new(mesh.clone());
-    for q in points(&AROUND.dilated(0.1), 2000) {
+    for q in points(&SEARCH_BOX.dilated(0.1), 2000) {
         let scan = mesh
             .iter_corners()
             .map(|t| distance_to(t, q))
@@ -249,7 +249,7 @@ fn needles_and_points_keep_the_distance_exact() {
         assert!((d - scan).abs() < 4e-9, "{d} against {scan}");
     }
     // Many at a time are as exact.
-    for q in points(&AROUND, 40) {
+    for q in points(&SEARCH_BOX, 40) {
         let lattice = SampleLattice {
             origin: WorldPoint(q),
             step: 0.03,
@@ -269,14 +269,14 @@ fn a_box_mesh_is_the_box() {
     let solid = MeshSolid::new(cube(v(-1., -1., -1.), 2.0));
     let exact = druse::field::BoxSolid(solid.bounds());
     assert!(solid.is_cycle());
-    for p in points(&AROUND, 5000) {
+    for p in points(&SEARCH_BOX, 5000) {
         let (d, e) = (solid.signed_distance(p), exact.value(WorldPoint(p)));
         assert!((d - e).abs() < 1e-14, "{d} against {e}");
     }
 }
 
 #[test]
-fn inside_is_told_for_nested_doubled_and_crossing_surfaces() {
+fn inside_is_known_for_nested_doubled_and_crossing_surfaces() {
     let ball = |r: f64| TriMesh::ball(v(0., 0., 0.), r, 3);
     // A hollow: the inner surface winds inward.
     let hollow = MeshSolid::new(joined(&[ball(1.0), ball(0.5).flipped()]));
@@ -287,7 +287,7 @@ fn inside_is_told_for_nested_doubled_and_crossing_surfaces() {
         ball(1.0),
         ball(1.0).mapped(|p| p + v(0.9, 0., 0.)),
     ]));
-    for p in points(&AROUND, 3000) {
+    for p in points(&SEARCH_BOX, 3000) {
         let r = p.norm();
         if (r - 1.0).abs() < 0.03
             || (r - 0.5).abs() < 0.03
@@ -330,7 +330,7 @@ fn an_open_hemisphere_closes_along_its_disc() {
         t.iter().map(|p| p.z).sum::<f64>() > 0.0
     }));
     assert!(!bowl.is_cycle());
-    for p in points(&AROUND, 3000) {
+    for p in points(&SEARCH_BOX, 3000) {
         let margin = (p.norm() - 1.0).abs().min(p.z.abs());
         if margin > 0.05 {
             assert_eq!(
@@ -372,7 +372,7 @@ fn mesh_solids_and_skins_obey_the_field_laws() {
     for mesh in meshes {
         let solid = MeshSolid::new(mesh);
         let skins = [Side::Inside, Side::Outside, Side::Both].map(|s| Skin::new(&solid, 0.3, s));
-        for (i, c) in points(&AROUND, 60).into_iter().enumerate() {
+        for (i, c) in points(&SEARCH_BOX, 60).into_iter().enumerate() {
             let edge = [0.01, 0.1, 1.0][i % 3];
             let region = Aabb {
                 min: c,
@@ -390,7 +390,7 @@ fn mesh_solids_and_skins_obey_the_field_laws() {
 fn bulk_evaluation_equals_single_on_whole_leaves() {
     for mesh in varied() {
         let solid = MeshSolid::new(mesh);
-        for (i, c) in points(&AROUND, 80).into_iter().enumerate() {
+        for (i, c) in points(&SEARCH_BOX, 80).into_iter().enumerate() {
             let step = [0.004, 0.02, 0.1][i % 3];
             let lattice = SampleLattice {
                 origin: WorldPoint(c),
@@ -457,7 +457,7 @@ fn speed_is_printed() {
             .mapped(|p| p * (1.0 + 0.2 * (7.0 * p.x).sin() * (5.0 * p.y).cos()));
         let triangles = mesh.triangles().len();
         let solid = MeshSolid::new(mesh);
-        let random = points(&AROUND, 20_000);
+        let random = points(&SEARCH_BOX, 20_000);
         let mut start = busy();
         let mut lap = |samples: usize| {
             let ns = (busy() - start) / samples as f64;

@@ -267,7 +267,7 @@ fn vertices_converge_in_second_order_and_lie_on_an_exact_field() {
 }
 
 #[test]
-fn meshing_stops_when_asked() {
+fn meshing_stops_when_cancelled() {
     struct Stop;
     impl Progress for Stop {
         fn stage(&self, _: &str, _: Option<u64>) {}

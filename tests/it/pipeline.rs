@@ -219,7 +219,7 @@ fn the_report_says_how_values_were_found() {
 }
 
 #[test]
-fn tables_are_as_fine_as_voxels_ask() {
+fn tables_are_as_fine_as_voxels_need() {
     let directory = tempfile::tempdir().unwrap();
     let file = directory.path().join("octet.cell");
     let octet = Skeleton::graph(Element::Hex, "octet", 0.06).unwrap();
@@ -249,7 +249,7 @@ fn tables_are_as_fine_as_voxels_ask() {
     let table = |r: &Report| r.cells["c"]["tables"][0].clone();
     let samples = |r: &Report| table(r)["samples"].as_u64().unwrap();
     let (small, large) = (made(&text(2.5, ""), None), made(&text(10.0, ""), None));
-    // The larger the elements are, the more voxels look at one cell.
+    // The larger the elements are, the more voxels there are in one cell.
     assert!(samples(&small) < samples(&large));
     for t in [table(&small), table(&large)] {
         assert_eq!(t["tolerance_voxels"], 0.01);
@@ -263,9 +263,9 @@ fn tables_are_as_fine_as_voxels_ask() {
     let coarse = made(&text(10.0, "tolerance = 0.5\n"), None);
     let warned = |r: &Report| r.warnings.iter().any(|w| w.code == "W112");
     assert!(samples(&coarse) < samples(&large) && !warned(&coarse));
-    // What single precision cannot hold is said.
-    let hopeless = made(&text(10.0, "tolerance = 1e-9\n"), None);
-    assert!(samples(&large) < samples(&hopeless) && warned(&hopeless));
+    // A tolerance beyond single precision gives a warning.
+    let unreachable = made(&text(10.0, "tolerance = 1e-9\n"), None);
+    assert!(samples(&large) < samples(&unreachable) && warned(&unreachable));
     let planned = plan(&recipe(&text(10.0, "")), &RunOptions::default(), &Silent).unwrap();
     assert_eq!(Some(planned.table_bytes), table(&large)["bytes"].as_u64());
     let bricks = made(&text(10.0, ""), Some(1));
@@ -372,7 +372,7 @@ fn an_estimate_is_within_a_fifth() {
 
 /// Greatest memory that `--dry-run` foretells, bytes. What the process has already counts with it, so
 /// that it has a process of its own, in which no other law runs.
-pub(super) fn peak_foretold(text: &str, arguments: &[&str]) -> f64 {
+pub(super) fn estimated_peak(text: &str, arguments: &[&str]) -> f64 {
     let directory = tempfile::tempdir().unwrap();
     std::fs::write(directory.path().join("r.toml"), text).unwrap();
     let output = Command::new(env!("CARGO_BIN_EXE_druse"))
@@ -389,7 +389,7 @@ pub(super) fn peak_foretold(text: &str, arguments: &[&str]) -> f64 {
 #[test]
 fn a_picture_takes_its_memory() {
     let ball = "druse = 1\n[band]\nvoxel_size = 0.5\n[[op]]\nunion = { sphere = { radius = 5 } }\n";
-    let needs = |text: &str| peak_foretold(text, &[]);
+    let needs = |text: &str| estimated_peak(text, &[]);
     let picture = format!("{ball}[[output]]\npicture = \"a.png\"\nsize = [2000, 1000]\n");
     let more = needs(&picture) - needs(ball);
     assert!((300e6..600e6).contains(&more), "{more}");

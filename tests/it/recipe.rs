@@ -1,4 +1,4 @@
-//! The recipe: what it accepts, and that each error says where, what and what instead.
+//! The recipe: what it accepts, and that each error gives place, found and expected.
 
 use druse::frame::LengthUnit;
 use druse::recipe::{
@@ -28,7 +28,7 @@ fn line_of(e: &RecipeError) -> usize {
 }
 
 /// The contract's own sketch, as far as this version goes.
-const FULL: &str = r#"druse = 1
+const FULL_RECIPE: &str = r#"druse = 1
 unit = "mm"
 [cell.strut]
 mesh = "strut.stl"
@@ -72,7 +72,7 @@ cut = "x=1.5"
 
 #[test]
 fn reads_every_section() {
-    let recipe = parse(FULL).unwrap();
+    let recipe = parse(FULL_RECIPE).unwrap();
     let s = recipe.sections();
     assert!((recipe.scale().voxel_size - 0.1).abs() < 1e-15);
     assert_eq!(s.cell.len(), 2);
@@ -126,7 +126,7 @@ fn unknown_words_name_the_nearest_known_one_and_their_line() {
 
 #[test]
 fn unknown_sources_of_a_cell_list_the_known_ones() {
-    let error = refuse(&FULL.replace("surface = \"schwarz_p\"", "level = 0"));
+    let error = refuse(&FULL_RECIPE.replace("surface = \"schwarz_p\"", "level = 0"));
     assert_eq!(line_of(&error), 8);
     for word in ["mesh", "surface", "graph", "formula", "file"] {
         assert!(error.message.contains(word), "{}", error.message);
@@ -143,7 +143,7 @@ fn keys_of_struts_and_formulas_belong_to_them() {
         ("graph = \"octet\"\nformula = \"x\"", "found formula, graph"),
     ];
     for (text, word) in cases {
-        let error = refuse(&FULL.replace("surface = \"schwarz_p\"", text));
+        let error = refuse(&FULL_RECIPE.replace("surface = \"schwarz_p\"", text));
         assert!(error.message.contains(word), "{text}: {}", error.message);
     }
 }
@@ -252,8 +252,8 @@ fn rules_between_keys_are_checked_at_their_place() {
         ),
     ];
     for (from, to, line, words) in cases {
-        assert!(FULL.contains(from), "{from}");
-        let error = refuse(&FULL.replacen(from, to, 1));
+        assert!(FULL_RECIPE.contains(from), "{from}");
+        let error = refuse(&FULL_RECIPE.replacen(from, to, 1));
         assert!(error.to_string().contains(words), "{to}: {error}");
         assert_eq!(line_of(&error), *line, "{to}: {error:?}");
     }
@@ -272,7 +272,7 @@ fn a_recipe_without_a_solid_says_so() {
 fn overrides_replace_add_and_are_validated() {
     let set = |overrides: &[&str]| {
         let overrides: Vec<String> = overrides.iter().map(|&o| o.to_owned()).collect();
-        Recipe::parse(FULL, &overrides)
+        Recipe::parse(FULL_RECIPE, &overrides)
     };
     let recipe = set(&[
         "op.3.dilate=0.2",

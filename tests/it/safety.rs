@@ -60,7 +60,7 @@ fn no_damaged_file_ends_the_program_and_all_damage_is_found() {
     let good: serde_json::Value = serde_json::from_slice(&good.stdout).unwrap();
     let count = if full() { 2400 } else { 40 };
     let mut dice = Dice(0x9e37_79b9_7f4a_7c15);
-    let (mut refused, mut told_by_hash, mut harmless) = (0, 0, 0);
+    let (mut refused, mut detected, mut harmless) = (0, 0, 0);
     for n in 0..count {
         let mut bytes = whole.clone();
         match n % 4 {
@@ -85,8 +85,8 @@ fn no_damaged_file_ends_the_program_and_all_damage_is_found() {
         assert!(start.elapsed() < Duration::from_secs(120), "case {n} hung");
         match code {
             Some(65) => refused += 1,
-            Some(1) => told_by_hash += 1,
-            // What the file says is what it said: the damage is in its identifier or its comments.
+            Some(1) => detected += 1,
+            // The content is unchanged: the damage is in its identifier or its comments.
             Some(0) => {
                 assert_eq!(answer["content_hash"], good["content_hash"], "case {n}");
                 harmless += 1;
@@ -97,7 +97,7 @@ fn no_damaged_file_ends_the_program_and_all_damage_is_found() {
             n % 4 != 0 || code == Some(65),
             "case {n}: a truncated file passed"
         );
-        // Whatever is done with it, the program goes on or says why not.
+        // Whatever is done with it, the program goes on or reports why not.
         if n % 8 == 1 {
             let filtered = druse(place, "filter m.vdb -o f.vdb dilate=0.0004").output();
             let code = filtered.unwrap().status.code();
@@ -105,7 +105,7 @@ fn no_damaged_file_ends_the_program_and_all_damage_is_found() {
         }
     }
     println!("figure: damaged vdb refused | {refused} of {count} | no crash, no hang");
-    println!("figure: damaged vdb told by hash or check | {told_by_hash} of {count} | all");
+    println!("figure: damaged vdb detected by hash or check | {detected} of {count} | all");
     println!("figure: damage without effect on the grids | {harmless} of {count} | same hash");
 }
 
@@ -149,7 +149,7 @@ fn a_killed_program_leaves_the_old_file_or_the_new_one() {
 }
 
 #[test]
-fn a_full_disk_is_told_with_path_and_bytes() {
+fn a_full_disk_is_reported_with_path_and_bytes() {
     let place = tempfile::tempdir().unwrap();
     let place = place.path();
     part(place, "0.4");
@@ -227,17 +227,17 @@ fn random_lattices_have_closed_manifold_meshes() {
             }
         }
         // Exact fields cost most: of every twelfth lattice only.
-        let wish = if n % 12 == 0 {
+        let option = if n % 12 == 0 {
             wishes[dice.below(4)]
         } else {
             ""
         };
         walled += usize::from(!ops.is_empty());
-        sharp += usize::from(wish == "sharp = true");
+        sharp += usize::from(option == "sharp = true");
         let recipe = format!(
             "druse = 1\n[cell.c]\nsurface = \"{surface}\"\nelement = \"{kind}\"\nvolume_fraction = {share}\nsolid = \"{solid}\"\n\
              [scaffold]\nbox = {{ size = {size:?}, cell_size = 1, kind = \"{kind}\" }}\n[tiling]\ncell = \"c\"\n\
-             [band]\nvoxel_size = {}\n{ops}[[output]]\nmesh = \"m.ply\"\n{wish}\n",
+             [band]\nvoxel_size = {}\n{ops}[[output]]\nmesh = \"m.ply\"\n{option}\n",
             0.07 + 0.02 * dice.below(3) as f64
         );
         let place = tempfile::tempdir().unwrap();

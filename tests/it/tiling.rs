@@ -11,15 +11,15 @@ use druse::scaffold::{Connectivity, Kind, Scaffold};
 use druse::tiling::{Boundary, CellField, Distance, TiledSolid, TilingOptions};
 use std::collections::BTreeMap;
 
-mod aligned;
-mod bent;
+mod affine;
+mod axis_aligned;
 mod codes;
 mod cosines;
 mod counts;
+mod curved;
 mod distances;
+mod interpolated;
 mod mixed;
-mod nodes;
-mod straight;
 
 use cosines::Cosines;
 
@@ -219,7 +219,7 @@ fn culling_never_misses_a_leaf_on_random_cells_and_maps() {
         let index = |x: f64, up: f64| ((x / h + up * 4.0) / 8.0 + up * 0.5).round() as i32 * 8;
         let low = bounds.min.map(|c| index(c, -1.0));
         let high = bounds.max.map(|c| index(c, 1.0));
-        // Kept leaves answer for their own voxels; every other voxel is asked of the field.
+        // Kept leaves hold their own voxels; every other voxel is evaluated.
         let value = |c: Coord| match leaves.get(&c.aligned(8)) {
             Some((_, values)) => {
                 let [x, y, z] = c.0.map(|i| (i & 7) as usize);

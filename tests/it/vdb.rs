@@ -11,12 +11,12 @@ use std::f64::consts::PI;
 use std::sync::LazyLock;
 use std::sync::atomic::{AtomicBool, Ordering};
 
+mod components;
 mod figures;
 mod files;
 mod meshes;
 mod operations;
 mod pictures;
-mod pieces;
 mod series;
 mod shapes;
 mod smoothing;
@@ -94,7 +94,7 @@ fn volume(level_set: &LevelSet) -> f64 {
     level_set.volume(session()).unwrap()
 }
 
-/// Cancelled from the start, or from the moment somebody says so.
+/// Cancelled from the start, or later.
 struct Stop(AtomicBool);
 
 impl Progress for Stop {

@@ -85,7 +85,7 @@ fn meshes_go_in_and_out() {
     let mesh = place.json("check v.ply");
     assert!((mesh["volume"].as_f64().unwrap() / ball(5.0) - 1.0).abs() < 0.01);
     assert_eq!(mesh["closed"], true);
-    // As recipes mesh, unless OpenVDB's mesher is asked for.
+    // As recipes mesh, unless OpenVDB's mesher is requested.
     place.json("mesh v.vdb -o own.ply --mesher druse");
     place.json("mesh v.vdb -o other.ply --mesher openvdb");
     place.json("mesh v.vdb -o quads.ply --quads");
@@ -122,14 +122,14 @@ fn solids_of_files_combine_and_other_voxels_are_resampled_with_a_notice() {
     let whole = place.json(tiny);
     assert!((volume(&whole) / ball(5e-3) - 1.0).abs() < 0.01, "{whole}");
     let warnings = whole["warnings"].as_array().unwrap();
-    let asks = |w: &Value| {
+    let is_hint = |w: &Value| {
         w["code"] == "W111"
             && w["message"]
                 .as_str()
                 .unwrap()
                 .contains("is its unit right?")
     };
-    assert!(warnings.iter().any(asks), "{whole}");
+    assert!(warnings.iter().any(is_hint), "{whole}");
 }
 
 #[test]

@@ -153,7 +153,7 @@ const CHAINS: usize = 12;
 /// Fused multiplications a nanosecond of the machine that goals in seconds were set on.
 const REFERENCE: f64 = 58.6;
 
-/// A loop that is compiled for the processor only where it is part of the function that says so: a
+/// A loop that is compiled for the processor only where it is part of the function with that attribute: a
 /// closure may be left outside, where each of its multiplications is a call.
 struct Fusing;
 

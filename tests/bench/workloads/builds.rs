@@ -31,7 +31,7 @@ pub fn portable(setting: &Setting) -> Result<Vec<Found>, Fault> {
 pub fn native(setting: &Setting) -> Result<Vec<Found>, Fault> {
     let figures = [("P18.native", "w1"), ("P18.native.w2", "w2")];
     if !setting.builds_native {
-        let why = "skipped: builds all again, some minutes; asked for by its name: -- P18.native";
+        let why = "skipped: builds all again, some minutes; run it by its name: -- P18.native";
         return Ok(figures.map(|(key, _)| Found::skipped(key, why)).into());
     }
     let own = std::env::current_exe()?;

@@ -7,8 +7,8 @@ use std::collections::BTreeMap;
 use std::f64::consts::TAU;
 
 /// Points together.
-const TOGETHER: usize = 32;
-type Row = [f32; TOGETHER];
+const BATCH_LEAVES: usize = 32;
+type Row = [f32; BATCH_LEAVES];
 /// Most that the sums may be off, in the cell's units.
 const ERROR: f64 = 1e-3;
 
@@ -57,7 +57,7 @@ impl Products {
         let points = std::array::from_fn(|n| {
             CellPoint([0.13, 0.31, 0.07].map(|c| c * n as f64 / 7.0).into())
         });
-        let mut values = [0.0; TOGETHER];
+        let mut values = [0.0; BATCH_LEAVES];
         made.values(&points, &mut values);
         for (p, v) in points.iter().zip(values) {
             let exact = druse::field::Field::value(cell, *p);
@@ -74,7 +74,7 @@ impl Products {
     }
 
     /// Values at points, as the processor can.
-    pub fn values(&self, points: &[CellPoint<3>; TOGETHER], out: &mut Row) {
+    pub fn values(&self, points: &[CellPoint<3>; BATCH_LEAVES], out: &mut Row) {
         pulp::Arch::new().dispatch(Sum {
             products: self,
             points,
@@ -84,7 +84,7 @@ impl Products {
 
     /// All of some points.
     pub fn all(&self, points: &[CellPoint<3>]) {
-        let mut out = [0.0; TOGETHER];
+        let mut out = [0.0; BATCH_LEAVES];
         for points in points.as_chunks().0 {
             self.values(points, &mut out);
             std::hint::black_box(&out);
@@ -94,7 +94,7 @@ impl Products {
 
 struct Sum<'a> {
     products: &'a Products,
-    points: &'a [CellPoint<3>; TOGETHER],
+    points: &'a [CellPoint<3>; BATCH_LEAVES],
     out: &'a mut Row,
 }
 
@@ -107,15 +107,15 @@ impl pulp::NullaryFnOnce for Sum<'_> {
     fn call(self) {
         let mut along = [const { Vec::new() }; 3];
         for (axis, along) in along.iter_mut().enumerate() {
-            let (mut c, mut s) = ([0f32; TOGETHER], [0f32; TOGETHER]);
-            for n in 0..TOGETHER {
+            let (mut c, mut s) = ([0f32; BATCH_LEAVES], [0f32; BATCH_LEAVES]);
+            for n in 0..BATCH_LEAVES {
                 let turn = TAU / 2.0 * self.points[n].0[axis];
                 (s[n], c[n]) = ((turn.sin()) as f32, (turn.cos()) as f32);
             }
-            let (mut cosine, mut sine) = ([1f32; TOGETHER], [0f32; TOGETHER]);
+            let (mut cosine, mut sine) = ([1f32; BATCH_LEAVES], [0f32; BATCH_LEAVES]);
             for _ in 0..=self.products.greatest {
                 along.push([cosine, sine]);
-                for n in 0..TOGETHER {
+                for n in 0..BATCH_LEAVES {
                     let next = cosine[n] * c[n] - sine[n] * s[n];
                     sine[n] = sine[n] * c[n] + cosine[n] * s[n];
                     cosine[n] = next;
@@ -123,18 +123,18 @@ impl pulp::NullaryFnOnce for Sum<'_> {
             }
         }
         let [x, y, z] = &along;
-        let mut sum = [-self.products.level; TOGETHER];
+        let mut sum = [-self.products.level; BATCH_LEAVES];
         for group in &self.products.groups {
-            let (mut even, mut odd) = ([0f32; TOGETHER], [0f32; TOGETHER]);
+            let (mut even, mut odd) = ([0f32; BATCH_LEAVES], [0f32; BATCH_LEAVES]);
             for &(k, a, b) in &group.terms {
                 let [c, s] = &z[k];
-                for n in 0..TOGETHER {
+                for n in 0..BATCH_LEAVES {
                     even[n] = c[n].mul_add(a, even[n]);
                     odd[n] = s[n].mul_add(b, odd[n]);
                 }
             }
             let ([cx, sx], [cy, sy]) = (&x[group.x], &y[group.y]);
-            for n in 0..TOGETHER {
+            for n in 0..BATCH_LEAVES {
                 sum[n] += cx[n] * cy[n] * even[n] + sx[n] * sy[n] * odd[n];
             }
         }

@@ -115,7 +115,7 @@ impl Goal {
 /// What a measurement found.
 pub struct Found {
     key: &'static str,
-    /// None if it could not be measured; the note says why.
+    /// None if it could not be measured; the note gives the reason.
     value: Option<f64>,
     note: String,
 }
@@ -145,8 +145,8 @@ impl Found {
     }
 }
 
-/// Whether a name on the command line asks for a key: `P13` for `P13` and `P13.mean`.
-pub fn asks_for(name: &str, key: &str) -> bool {
+/// Whether a name on the command line selects a key: `P13` for `P13` and `P13.mean`.
+pub fn matches_key(name: &str, key: &str) -> bool {
     let rest = key.strip_prefix(name);
     rest.is_some_and(|rest| rest.is_empty() || rest.starts_with('.'))
 }

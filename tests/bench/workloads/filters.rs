@@ -54,7 +54,7 @@ pub fn against_openvdb(setting: &Setting) -> Result<Vec<Found>, Fault> {
         } else {
             copy.mean(1, 1, session)
         };
-        done.expect("nobody stops it");
+        done.expect("not cancelled");
         black_box(&copy);
     };
     let seconds = in_turn(
@@ -63,7 +63,7 @@ pub fn against_openvdb(setting: &Setting) -> Result<Vec<Found>, Fault> {
             &mut || drop(black_box(level_set(&gyroid, &moved, &one).expect("a band"))),
             &mut || {
                 let mut copy = copies();
-                copy.dilate(h, theirs).expect("nobody stops it");
+                copy.dilate(h, theirs).expect("not cancelled");
                 black_box(&copy);
             },
             &mut || filtered(own, false),
@@ -90,7 +90,7 @@ pub fn moves(_: &Setting) -> Result<Vec<Found>, Fault> {
     let voxels = solid.active_voxels()? as f64;
     let moved = |by: f64, session: Session<'_>| {
         let mut copy = solid.duplicate().expect("memory for a copy");
-        copy.dilate(by, session).expect("nobody stops it");
+        copy.dilate(by, session).expect("not cancelled");
         black_box(&copy);
     };
     let seconds = in_turn(

@@ -15,7 +15,7 @@ type Fault = Box<dyn std::error::Error>;
 const ROUNDS: usize = 5;
 /// Samples along an edge of the period.
 const SAMPLES: usize = 128;
-/// Points along an edge of the unit cube where distances are asked.
+/// Points along an edge of the unit cube where distances are evaluated.
 const POINTS: usize = 64;
 
 /// P15: the fit of samples under Td beside their own real transform, one thread.

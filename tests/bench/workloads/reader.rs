@@ -4,7 +4,7 @@ use druse::band::{LeafBatch, LeafSink, SinkError};
 use druse::frame::Coord;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Sums of what came, the same in whatever order it comes.
+/// Sums over the data that do not depend on its order.
 #[derive(Default)]
 pub struct Reader {
     /// What the processor can: what reading takes must not be what a build makes of it.

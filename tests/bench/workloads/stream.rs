@@ -14,8 +14,8 @@ const W4: &str = "druse = 1\nunit = \"mm\"\n[cell.strut]\ngraph = \"axes\"\nvolu
 const VOXELS: u32 = 800;
 const GIB: f64 = 1_073_741_824.0;
 
-/// What a run of W4 told.
-struct Told {
+/// What a run of W4 figures.
+struct RunFigures {
     /// Bytes.
     peak: f64,
     seconds: f64,
@@ -25,7 +25,7 @@ struct Told {
 }
 
 /// Runs W4 with so many voxels along the edge of a cell within a budget.
-fn written(voxels: u32, memory: &str) -> Result<Told, Fault> {
+fn written(voxels: u32, memory: &str) -> Result<RunFigures, Fault> {
     let place = tempfile::tempdir()?;
     std::fs::write(place.path().join("w4.toml"), W4)?;
     let size = format!("band.voxel_size={}", 100.0 / f64::from(voxels));
@@ -47,7 +47,7 @@ fn written(voxels: u32, memory: &str) -> Result<Told, Fault> {
         band("leaves_touched")? / band("leaves_kept")?,
         band("voxels_evaluated")? / band("active_voxels")?,
     ];
-    Ok(Told {
+    Ok(RunFigures {
         counts,
         peak: number(&report["peak_memory_bytes"])?,
         seconds: stages.iter().filter_map(|s| s["seconds"].as_f64()).sum(),
@@ -58,20 +58,20 @@ fn written(voxels: u32, memory: &str) -> Result<Told, Fault> {
 /// P11: memory and time of W4, in full or at an eighth of its scale; P10.w4, its counts.
 pub fn larger_than_memory(setting: &Setting) -> Result<Vec<Found>, Fault> {
     let voxels = if setting.full { VOXELS } else { VOXELS / 8 };
-    let told = written(voxels, "1G")?;
-    let million = told.active_voxels as f64 / 1e6;
+    let figures = written(voxels, "1G")?;
+    let million = figures.active_voxels as f64 / 1e6;
     let note = format!("{voxels} voxels a cell, {million:.0} M active voxels");
     let seconds = if setting.full {
-        Found::new("P11.seconds", told.seconds, note.clone())
+        Found::new("P11.seconds", figures.seconds, note.clone())
     } else {
         Found::skipped(
             "P11.seconds",
-            format!("--full; {:.1} s at {voxels} voxels a cell", told.seconds),
+            format!("--full; {:.1} s at {voxels} voxels a cell", figures.seconds),
         )
     };
-    let [leaves, evaluated] = told.counts;
+    let [leaves, evaluated] = figures.counts;
     Ok(vec![
-        Found::new("P11", told.peak / GIB, note.clone()),
+        Found::new("P11", figures.peak / GIB, note.clone()),
         seconds,
         Found::new("P10.w4", leaves, note.clone()),
         Found::new("P10.w4.evaluated", evaluated, note),

@@ -12,7 +12,7 @@ use std::hint::black_box;
 const ROUNDS: usize = 7;
 /// Greatest error, in reference lengths: makes a table of 128 samples and 5 MiB.
 const TOLERANCE: f64 = 1e-6;
-/// A hundredth of a voxel where 40 make a cell: what the pipeline asks of the same cell.
+/// A hundredth of a voxel where 40 make a cell: the pipeline's tolerance for the same cell.
 const DISPLACEMENT: f64 = 0.01 / 40.0;
 
 /// P6 and P18.lookup.

@@ -8,11 +8,11 @@ const ROUNDS: usize = 5;
 /// Rounds that are tried until so many count.
 const TRIES: usize = 4 * ROUNDS;
 /// Least wall seconds of a side of a round: the system counts in hundredths.
-const LEAST: f64 = 0.5;
-/// Wall seconds of a look at what others do before a round.
+const MIN_SPEEDUP_SHARE: f64 = 0.5;
+/// Wall seconds spent measuring the load of other processes before a round.
 const LOOK: f64 = 0.3;
 /// A round counts when other processes use less than so much of one processor.
-const OTHERS: f64 = 0.1;
+const MAX_FOREIGN_LOAD: f64 = 0.1;
 
 /// Processor seconds that all processes of this machine have used, and other guests of its host.
 fn machine_seconds() -> Option<f64> {
@@ -46,12 +46,12 @@ pub fn one_against_two(key: &'static str, one: &mut dyn FnMut(), two: &mut dyn F
         return Found::skipped(key, "skipped: one processor");
     }
     let single = wall_seconds(&mut *one);
-    let times = (LEAST / single.max(1e-3)).ceil() as usize;
+    let times = (MIN_SPEEDUP_SHARE / single.max(1e-3)).ceil() as usize;
     let (mut ones, mut twos, mut least) = (Vec::new(), Vec::new(), f64::INFINITY);
     let mut sleep = || std::thread::sleep(std::time::Duration::from_secs_f64(LOOK));
     for _ in 0..TRIES {
         let before = side(1, &mut sleep).map_or(0.0, |s| s.others);
-        if before >= OTHERS {
+        if before >= MAX_FOREIGN_LOAD {
             least = least.min(before);
             continue;
         }
@@ -61,7 +61,7 @@ pub fn one_against_two(key: &'static str, one: &mut dyn FnMut(), two: &mut dyn F
         };
         let others = a.others.max(b.others);
         least = least.min(others);
-        if others < OTHERS {
+        if others < MAX_FOREIGN_LOAD {
             ones.push(2.0 * a.wall);
             twos.push(b.wall);
         }

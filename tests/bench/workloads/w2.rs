@@ -22,7 +22,7 @@ type Fault = Box<dyn std::error::Error>;
 
 const ROUNDS: usize = 5;
 /// The longest axis of W2's ellipsoid, voxels: at half of that its struts are too thin for a band.
-const LONGEST: f64 = 1000.0;
+const MAX_LENGTH: f64 = 1000.0;
 /// Between the points of its body-centred lattice, along an edge, as a share of that.
 const PITCH: f64 = 0.067;
 /// Large tets: the ellipsoid's longest axis and the lattice's edge, voxels.
@@ -32,9 +32,9 @@ const NODES: f64 = 0.005;
 /// Lattice points along an axis of the period of a strut cell.
 const SAMPLES: usize = 80;
 /// Band limits of strut cells: 20 orbits, 2000 and 5984.
-const FEW: f64 = 3.2;
+const FEW_SAMPLES: f64 = 3.2;
 const SOME: f64 = 17.0;
-const MANY: f64 = 24.5;
+const MANY_SAMPLES: f64 = 24.5;
 
 /// Tets between the points of a body-centred lattice, those with their middle in an ellipsoid, by
 /// the longest axis and the lattice's edge in voxels.
@@ -152,7 +152,7 @@ fn pass(field: &WorldField, extent: Aabb, threads: &Threads) -> Result<BandStats
 
 /// W2's tets where only ratios count: half as long, unless they are wanted in full.
 fn w2(full: bool) -> Result<Scaffold, Fault> {
-    let longest = if full { LONGEST } else { LONGEST / 2.0 };
+    let longest = if full { MAX_LENGTH } else { MAX_LENGTH / 2.0 };
     ellipsoid(longest, longest * PITCH)
 }
 
@@ -207,7 +207,7 @@ const W3: Keys = Keys {
 #[cfg(feature = "vdb")]
 pub fn level_set(threads: &Threads) -> Result<druse::vdb::LevelSet, Fault> {
     let scaffold = ellipsoid(250.0, 250.0 * PITCH)?;
-    let table = table_for(&scaffold, FEW)?;
+    let table = table_for(&scaffold, FEW_SAMPLES)?;
     let transform = Transform::new(1.0).ok_or("no voxel size")?;
     let builder = druse::vdb::LevelSetBuilder::new(transform, 3.0)?;
     let band = Band {
@@ -223,8 +223,8 @@ pub fn level_set(threads: &Threads) -> Result<druse::vdb::LevelSet, Fault> {
 /// P8, what the series itself would take, and the counts of W2.
 pub fn struts_in_tets(_: &Setting) -> Result<Vec<Found>, Fault> {
     const POINTS: usize = 4096;
-    let pitch = LONGEST * PITCH;
-    let scaffold = ellipsoid(LONGEST, pitch)?;
+    let pitch = MAX_LENGTH * PITCH;
+    let scaffold = ellipsoid(MAX_LENGTH, pitch)?;
     let extent = scaffold.bounds();
     let table = table_for(&scaffold, SOME)?;
     let products = Products::of(&struts(SOME)?)?;
@@ -276,14 +276,14 @@ pub fn struts_in_large_tets(_: &Setting) -> Result<Vec<Found>, Fault> {
     let plain = tiled(&scaffold, &table)?.by_nodes(0.0);
     let one = Threads::new(1)?;
     let stats = pass(&field, extent, &one)?;
-    let told = visits.leaves_by_nodes();
+    let interpolated = visits.leaves_by_nodes();
     let run = |field: &WorldField| {
         pass(field, extent, &one).expect("the field is finite");
     };
     let seconds = in_turn(ROUNDS, &mut [&mut || run(&plain), &mut || run(&field)]);
     let ratios = Spread::of_ratios(&seconds[0], &seconds[1]);
     let note = format!(
-        "{ratios}; {told} of {} leaves told by nodes",
+        "{ratios}; {interpolated} of {} leaves interpolated",
         stats.leaves_touched
     );
     let mut found = vec![Found::new("P8.nodes", ratios.median, note)];
@@ -295,7 +295,8 @@ pub fn struts_in_large_tets(_: &Setting) -> Result<Vec<Found>, Fault> {
 pub fn orbits_and_threads(setting: &Setting) -> Result<Vec<Found>, Fault> {
     let scaffold = w2(setting.full)?;
     let extent = scaffold.bounds();
-    let [few, some, many] = [FEW, SOME, MANY].map(|limit| table_for(&scaffold, limit));
+    let [few, some, many] =
+        [FEW_SAMPLES, SOME, MANY_SAMPLES].map(|limit| table_for(&scaffold, limit));
     let (few, some, many) = (few?, some?, many?);
     let one = Threads::new(1)?;
     let run = |field: &WorldField| {

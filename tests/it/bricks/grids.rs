@@ -1,6 +1,6 @@
 //! Grids beside the surface, streamed from bricks: what a run in memory writes.
 
-use super::super::pipeline::peak_foretold;
+use super::super::pipeline::estimated_peak;
 use super::runs::{hashes, options};
 use druse::pipeline::{
     Report, RunError, RunOptions, brick_plan, make_bricks, merge_bricks, plan, run,
@@ -31,7 +31,7 @@ fn listed(report: &Report) -> Vec<(Option<String>, Option<String>, String)> {
     rows.collect()
 }
 
-/// What a file says of its grids, but for the memory that they would take.
+/// The description of a file's grids without their memory.
 fn grids(path: &Path) -> Vec<GridInfo> {
     let mut grids = info(path).unwrap().grids;
     for grid in &mut grids {
@@ -183,26 +183,26 @@ fn a_merge_writes_all_grids() {
 }
 
 #[test]
-fn bricks_of_grids_are_foretold() {
+fn estimates_include_grids_of_bricks() {
     let directory = tempfile::tempdir().unwrap();
-    let foretold = |outputs: &str| {
+    let estimate = |outputs: &str| {
         let recipe = recipe(&format!("{TILED}{outputs}"));
         let options = options(directory.path(), Some(1), 1);
-        let foretold = plan(&recipe, &options, &Silent).unwrap();
+        let estimate = plan(&recipe, &options, &Silent).unwrap();
         let report = run(&recipe, &options, &Silent).unwrap();
         let bytes: u64 = report.outputs.iter().map(|o| o.bytes).sum();
-        let ratio = foretold.disk_bytes as f64 / bytes as f64;
+        let ratio = estimate.disk_bytes as f64 / bytes as f64;
         assert!((0.5..2.0).contains(&ratio), "{ratio}");
-        foretold
+        estimate
     };
-    let alone = foretold("[[output]]\nvdb = \"a.vdb\"\n");
-    let shaded = foretold(SHADED);
+    let alone = estimate("[[output]]\nvdb = \"a.vdb\"\n");
+    let shaded = estimate(SHADED);
     // Components: 3 of uvw, 3 of fold, cell_id once, weight_g, element_id.
     assert_eq!(shaded.brick_bytes, 10 * alone.brick_bytes);
-    let peak = |outputs: &str| peak_foretold(&format!("{TILED}{outputs}"), &["--bricks", "1"]);
+    let peak = |outputs: &str| estimated_peak(&format!("{TILED}{outputs}"), &["--bricks", "1"]);
     assert!(peak(SHADED) > peak("[[output]]\nvdb = \"a.vdb\"\n"));
     let mesh = |grids: &str| format!("[[output]]\nmesh = \"a.ply\"\n{grids}");
     let numbered = "grids = [\"uvw\", \"fold\", \"cell_id\"]\n";
-    let (bare, numbered) = (foretold(&mesh("")), foretold(&mesh(numbered)));
+    let (bare, numbered) = (estimate(&mesh("")), estimate(&mesh(numbered)));
     assert!(numbered.disk_bytes > bare.disk_bytes);
 }

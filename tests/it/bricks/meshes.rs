@@ -1,4 +1,4 @@
-//! Meshes of bricks with what is asked of them beyond the triangles of the level set.
+//! Meshes of bricks with attributes, decimation and refusals.
 
 use super::runs::options;
 use druse::pipeline::{Report, RunError, run};
@@ -60,7 +60,7 @@ fn vertices_on_the_exact_field_and_their_numbers_are_those_of_memory() {
 }
 
 /// Blocks are decimated each for itself and keep what they share: the whole is closed, and the same whatever
-/// the bricks and the threads. The first output is the one of which others keep at most a share.
+/// the bricks and the threads. The other outputs keep at most a share of the first.
 fn assert_fewer_in_all_bricks(voxel: &str, outputs: &str, shares: &[(&str, f64)]) {
     let directory = tempfile::tempdir().unwrap();
     let text = TILED.replace("voxel_size = 0.25", &format!("voxel_size = {voxel}"));
@@ -147,7 +147,7 @@ fn faces(path: &Path) -> Vec<Vec<String>> {
 const ROW: &str = "druse = 1\nunit = \"mm\"\n[cell.p]\nsurface = \"schwarz_p\"\nvolume_fraction = 0.35\n[scaffold]\nbox = { size = [40, 8, 8], cell_size = 8, origin = [2000, -4, -4] }\n[tiling]\ncell = \"p\"\n[band]\nvoxel_size = 0.125\n[[op]]\nunion = { box = { size = [9.5, 6, 5.75], centre = [2004.75, -3, -0.125] } }\n";
 
 /// Walls in planes of voxels, and so near that how far it reaches decides what values are too small.
-const NEAR: &str = "druse = 1\nunit = \"mm\"\n[cell.p]\nsurface = \"schwarz_p\"\nvolume_fraction = 0.35\n[scaffold]\nbox = { size = [24, 8, 8], cell_size = 8 }\n[tiling]\ncell = \"p\"\n[band]\nvoxel_size = 0.13\n";
+const NEAR_ORIGIN_RECIPE: &str = "druse = 1\nunit = \"mm\"\n[cell.p]\nsurface = \"schwarz_p\"\nvolume_fraction = 0.35\n[scaffold]\nbox = { size = [24, 8, 8], cell_size = 8 }\n[tiling]\ncell = \"p\"\n[band]\nvoxel_size = 0.13\n";
 
 /// OpenVDB's faces, as they are, cut and merged.
 #[test]
@@ -155,7 +155,7 @@ fn faces_of_open_vdb_are_those_of_memory() {
     let directory = tempfile::tempdir().unwrap();
     let [whole, parts] = ["whole", "parts"].map(|n| directory.path().join(n));
     let outputs = "[[output]]\nmesh = \"q.obj\"\nquads = true\n[[output]]\nmesh = \"t.obj\"\nmesher = \"openvdb\"\n[[output]]\nmesh = \"m.obj\"\nadaptivity = 0.4\nquads = true\n[[output]]\nmesh = \"n.ply\"\nquads = true\ngrids = [\"element_id\"]\n[[output]]\nmesh = \"a.obj\"\nadaptivity = 0.95\n";
-    for text in [NEAR, ROW] {
+    for text in [NEAR_ORIGIN_RECIPE, ROW] {
         let recipe = Recipe::parse(&format!("{text}{outputs}"), &[]).unwrap();
         let one = run(&recipe, &options(&whole, None, 2), &Silent).unwrap();
         for (bricks, threads) in [(1, 2), (2, 1)] {
@@ -214,7 +214,7 @@ fn faces_on_the_exact_field_are_the_same_in_all_bricks() {
     }
 }
 
-/// In a band thinner than a voxel's diagonal the surface crosses cells of which it lacks a voxel.
+/// In a band thinner than a voxel's diagonal the surface crosses cells that lack a voxel.
 #[test]
 fn thin_bands_are_meshed_in_bricks_as_in_memory() {
     let directory = tempfile::tempdir().unwrap();
@@ -251,9 +251,9 @@ fn what_files_cannot_be_streamed_say_what_to_do() {
     let error = run(&recipe, &options(directory.path(), Some(1), 1), &Silent).unwrap_err();
     assert!(matches!(error, RunError::Whole { .. }), "{error}");
     let error = error.to_string();
-    let says = |words: &str| error.contains(words);
+    let contains = |words: &str| error.contains(words);
     assert!(
-        says("output.0, b.nvdb") && says("nanovdb_convert"),
+        contains("output.0, b.nvdb") && contains("nanovdb_convert"),
         "{error}"
     );
 }

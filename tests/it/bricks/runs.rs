@@ -207,7 +207,7 @@ fn walls_in_bricks_are_as_thin_as_in_memory() {
     assert!((wall / whole - 1.0).abs() < 0.02, "{wall} and {whole}");
     assert_eq!(one.least_wall, two.least_wall);
     assert_eq!(one.least_wall_place, two.least_wall_place);
-    // Nothing is said of walls thicker than is looked.
+    // Walls thicker than the search radius are not reported.
     let ball = "druse = 1\n[band]\nvoxel_size = 0.2\n[[op]]\nunion = { sphere = { radius = 6 } }\n";
     assert_eq!(report(ball, Some(1)).least_wall, None);
 }
@@ -323,8 +323,8 @@ fn what_cannot_go_through_bricks_says_why() {
     };
     let error = run(&recipe(""), &tight, &Silent).unwrap_err();
     assert!(matches!(error, RunError::Budget { .. }), "{error}");
-    let foretold = plan(&recipe(""), &options(directory.path(), Some(1), 1), &Silent).unwrap();
-    assert_eq!(foretold.bricks, 8);
+    let estimate = plan(&recipe(""), &options(directory.path(), Some(1), 1), &Silent).unwrap();
+    assert_eq!(estimate.bricks, 8);
 }
 
 #[test]

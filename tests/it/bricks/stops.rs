@@ -112,7 +112,7 @@ fn a_stopped_run_says_that_it_can_go_on() {
     let line = "run r.toml --bricks 1";
     let mut child = druse(place, line).spawn().unwrap();
     wait_for(&mut child, &place.join(".a.vdb.bricks/brick-000001.leaves"));
-    // Meanwhile nobody else may work there.
+    // Meanwhile no other process may work there.
     let (code, error) = refused(place, line);
     assert_eq!(code, 73, "{error}");
     assert!(error.contains("another run"), "{error}");
@@ -185,7 +185,7 @@ fn missing_and_damaged_bricks_are_named_with_what_makes_them() {
 fn a_full_disk_keeps_the_bricks_that_are_whole() {
     let place = place();
     let place = place.path();
-    // One brick holds nearly all: more than the mean that the disk is asked for.
+    // One brick holds nearly all: more than the mean that the check of the disk assumes.
     let uneven = RECIPE.replace("[0.3, 0.1, 0]", "[10, 10, 10]");
     fs::write(place.join("r.toml"), uneven).unwrap();
     done(place, "run r.toml");

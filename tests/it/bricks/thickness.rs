@@ -1,4 +1,4 @@
-//! The local thickness: what closed forms say, and in bricks what memory says.
+//! The local thickness: against closed forms, and in bricks against memory.
 
 use super::meshes::vertices;
 use super::runs::{hashes, options};

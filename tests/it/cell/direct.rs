@@ -111,6 +111,6 @@ fn long_series_and_expressions_are_looked_up() {
     let two = [Surface::SchwarzP, Surface::Iwp].map(|s| s.cell(Element::Hex).unwrap());
     let union = Cell::joined("u", druse::cell::Join::Union, &[&two[0], &two[1]], 0.1).unwrap();
     assert!(!Table::for_displacement(&union, 1e-3).unwrap().is_direct());
-    // Asked for by name, a table is a table.
+    // A table that is requested stays a table.
     assert!(!Table::new(&two[0]).unwrap().is_direct());
 }

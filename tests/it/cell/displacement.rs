@@ -44,7 +44,7 @@ fn surface(cell: &Cell, count: usize) -> Vec<(CellPoint<3>, f64)> {
 }
 
 #[test]
-fn tables_displace_the_surface_by_no_more_than_was_asked() {
+fn tables_displace_the_surface_by_at_most_the_tolerance() {
     const TOLERANCE: f64 = 0.01;
     let sheet = Surface::Neovius.cell(Element::Hex).unwrap();
     let cells = [
@@ -104,9 +104,9 @@ fn the_mean_square_is_the_sum_over_waves() {
             sum += (table.value(p) - cell.value(p)).powi(2);
         }
         let found = (sum / 4000.0).sqrt();
-        let foretold = table.error_rms();
+        let estimated = table.error_rms();
         // The mean over turned points takes away some of what aliases add, never more.
-        let share = found / foretold;
+        let share = found / estimated;
         assert!((0.5..1.1).contains(&share), "{pairing:?}: {share}");
         count += u32::from(share > 0.9);
     }

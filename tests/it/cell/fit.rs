@@ -232,7 +232,7 @@ fn bytes_do_not_depend_on_the_number_of_threads() {
     assert_eq!(text(1), text(2));
 }
 
-/// Asks to stop at once.
+/// Cancels at once.
 struct Stop;
 impl Progress for Stop {
     fn stage(&self, _: &str, _: Option<u64>) {}

@@ -59,7 +59,7 @@ fn the_two_solvers_agree_on_the_element() {
 fn every_element_is_fitted_by_every_way_it_has() {
     for element in Element::ALL {
         let centre = element.centroid().0;
-        // A ball of which nothing reaches a face: smooth but for its centre.
+        // A ball that reaches no face: smooth but for its centre.
         let ball = |p: CellPoint<3>| (p.0 - centre).norm() - 0.15;
         let planar = |p: CellPoint<3>| ball(at(p.0.x, p.0.y, 0.0));
         for (solver, method) in [

@@ -141,7 +141,7 @@ fn impossible_parts_are_refused_by_number() {
 }
 
 #[test]
-fn a_similarity_scales_the_distance_and_a_shear_is_told() {
+fn similarities_scale_distances_and_shears_are_reported() {
     let ball = Formula::parse("sqrt(x^2 + y^2 + z^2) - 2", &["x", "y", "z"]).unwrap();
     let place = Placement::Similarity {
         scale: 0.1,

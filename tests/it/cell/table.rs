@@ -77,7 +77,7 @@ proptest! {
 }
 
 #[test]
-fn every_pairing_has_a_table_as_fine_as_asked() {
+fn every_pairing_has_a_table_of_the_requested_resolution() {
     let numbers: Vec<_> = (0..12)
         .map(|n| (f64::from(n).sin(), f64::from(n).cos()))
         .collect();
@@ -114,7 +114,7 @@ fn tolerance_chooses_the_size() {
     ));
 }
 
-/// The bound decides how much of a band's surroundings is looked at: a tenth too much is a tenth of the time.
+/// The bound decides how much of a band's surroundings is evaluated: a tenth too much costs a tenth of the time.
 #[test]
 fn the_gradients_bound_is_nearly_reached() {
     const SIDE: usize = 40;

@@ -120,15 +120,15 @@ fn bad_input_is_named_and_leaves_nothing() {
         let code = if words.contains(&"-1") { 2 } else { 65 };
         refuse(&place, &all, code, words);
     }
-    let asked = ["fit", "schwarz_q", "-o", "x.cell"];
+    let arguments = ["fit", "schwarz_q", "-o", "x.cell"];
     refuse(
         &place,
-        &asked,
+        &arguments,
         66,
         &["did you mean \"schwarz_p\"?", "strut graph"],
     );
-    let asked = ["fit", "octt", "-o", "x.cell"];
-    refuse(&place, &asked, 66, &["did you mean \"octet\"?"]);
+    let arguments = ["fit", "octt", "-o", "x.cell"];
+    refuse(&place, &arguments, 66, &["did you mean \"octet\"?"]);
 }
 
 #[test]
@@ -237,7 +237,7 @@ fn a_tolerance_raises_the_band_until_the_surfaces_meet() {
         band(&coarse),
         band(&fine)
     );
-    // A band that cannot meet it says so, and by how much.
+    // A band limit that cannot meet it is reported with the error reached.
     let output = place.run(&[
         "fit",
         "hypot(x, y, z) - 0.3",

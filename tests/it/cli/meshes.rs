@@ -95,7 +95,7 @@ fn every_mesh_serves_in_every_role() {
             &["preview", name, "-o", "p.png", "--size", "64x64", "-q"],
         );
     }
-    // What was odd is told, and of solids that they were not the mesh.
+    // Repairs are reported, and for solids that they differ from the mesh.
     let check = done(&place, &["check", "b03_count_ff.stl"]);
     assert!(
         text(&check.stdout)

@@ -12,7 +12,7 @@ fn druse(place: &Path, line: &str) -> Output {
         .unwrap()
 }
 
-fn said(place: &Path, line: &str) -> String {
+fn output_of(place: &Path, line: &str) -> String {
     let output = druse(place, line);
     let error = String::from_utf8_lossy(&output.stderr).into_owned();
     assert!(output.status.success(), "{line}: {error}");
@@ -45,7 +45,7 @@ fn measures_have_four_digits_in_any_unit() {
     let place = tempfile::tempdir().unwrap();
     let place = place.path();
     std::fs::write(place.join("a.toml"), SMALL).unwrap();
-    let summary = said(place, "run a.toml");
+    let summary = output_of(place, "run a.toml");
     let report = facts(place, "run a.toml");
     let (volume, area) = (&report["solid"]["volume"], &report["solid"]["area"]);
     let same = |text: &str, exact: &Value, share: f64| {
@@ -59,7 +59,7 @@ fn measures_have_four_digits_in_any_unit() {
     same(after(&summary, "area "), area, 5e-4);
     assert!(summary.contains(" m^3, area ") && summary.contains(" m^2, "));
     for line in ["info a.3mf", "check a.3mf"] {
-        let text = said(place, line);
+        let text = output_of(place, line);
         // The mesh is a little smaller than the level set.
         same(after(&text, "volume "), volume, 2e-2);
         same(after(&text, "area "), area, 2e-2);
@@ -68,7 +68,7 @@ fn measures_have_four_digits_in_any_unit() {
             "{text}"
         );
     }
-    let filtered = said(place, "filter a.vdb -o b.vdb dilate=0.4mm");
+    let filtered = output_of(place, "filter a.vdb -o b.vdb dilate=0.4mm");
     same(
         after(&filtered, "volume "),
         &facts(place, "filter a.vdb -o b.vdb dilate=0.4mm")["solid"]["volume"],
@@ -86,9 +86,9 @@ fn adaptivity_takes_both_its_ends() {
     let place = tempfile::tempdir().unwrap();
     let place = place.path();
     std::fs::write(place.join("a.toml"), SMALL).unwrap();
-    said(place, "run a.toml");
+    output_of(place, "run a.toml");
     let triangles = |extra: &str| {
-        said(place, &format!("mesh a.vdb -o b.ply{extra}"));
+        output_of(place, &format!("mesh a.vdb -o b.ply{extra}"));
         facts(place, "info b.ply")["triangles"].as_u64().unwrap()
     };
     let plain = triangles("");
@@ -114,7 +114,7 @@ fn adaptivity_takes_both_its_ends() {
         );
     }
     // 0 is as if it were left out: nothing of it stands against Druse's own mesher.
-    said(place, "mesh a.vdb -o b.ply --adaptivity 0 --mesher druse");
+    output_of(place, "mesh a.vdb -o b.ply --adaptivity 0 --mesher druse");
     assert!(
         !druse(place, "mesh a.vdb -o b.ply --adaptivity 0.1 --mesher druse")
             .status
@@ -133,7 +133,7 @@ fn scaffold_info_says_as_much_in_json_as_in_words() {
     let place = tempfile::tempdir().unwrap();
     let place = place.path();
     std::fs::write(place.join("g.vtk"), GRID).unwrap();
-    let text = said(place, "scaffold info g.vtk");
+    let text = output_of(place, "scaffold info g.vtk");
     let all = facts(place, "scaffold info g.vtk");
     assert_eq!(all["elements"], json!({ "Hex8": 1, "Tet4": 1 }));
     assert_eq!(
@@ -190,10 +190,10 @@ fn scaffold_info_says_as_much_in_json_as_in_words() {
     // Each note of the text is one of the object.
     let notes = text.lines().filter(|l| l.starts_with("note: ")).count();
     assert_eq!(all["warnings"].as_array().unwrap().len(), notes);
-    // A hex with two corners exchanged is inverted; where and how much is said in both.
+    // A hex with two corners exchanged is inverted; place and amount are reported in both.
     let turned = GRID.replace("8 0 1 2 3 4 5 6 7", "8 0 1 3 2 4 5 6 7");
     std::fs::write(place.join("t.vtk"), turned).unwrap();
-    let text = said(place, "scaffold info t.vtk");
+    let text = output_of(place, "scaffold info t.vtk");
     let all = facts(place, "scaffold info t.vtk");
     let bad = [&all["inverted_at"], &all["degenerate_at"]];
     let bad = bad

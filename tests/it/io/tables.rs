@@ -167,7 +167,7 @@ fn fields_of_polygons_go_with_their_faces() {
         count.contains("4 offsets of Polys; expected one for each of 5"),
         "{count}"
     );
-    // A grid under the other extension is what it says.
+    // The content decides, not the extension.
     let grid = read("x.vtp", vtu(false)).unwrap();
     assert_eq!(grid.mesh.volume(), 1000.0);
     assert!(

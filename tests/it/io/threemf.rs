@@ -116,7 +116,7 @@ fn parts_of_the_production_extension_are_found_by_path() {
     let solid = two(&other, &root).unwrap();
     assert!((solid.file.mesh.volume() - 2000.0).abs() < 1e-9);
     assert_eq!(solid.bounds().max.x, 30.0);
-    // A part in another unit is scaled, and that is said.
+    // A part in another unit is scaled, with a note.
     let inches = other.replace("millimeter", "centimeter");
     let solid = two(&inches, &root).unwrap();
     assert_eq!(solid.bounds().max.x, 300.0);
@@ -201,7 +201,7 @@ fn what_is_not_printed_is_left_out_and_counted() {
 
 #[test]
 fn modifiers_of_slicers_are_no_part_of_the_solid() {
-    // Two cubes as one mesh, as PrusaSlicer writes them, and its list of which triangles are what.
+    // Two cubes as one mesh, as PrusaSlicer writes them, and its list of triangle roles.
     let two = cube(0.0).replace(
         "</vertices>",
         "<vertex x=\"20\" y=\"0\" z=\"0\"/><vertex x=\"21\" y=\"0\" z=\"0\"/>\

@@ -1,4 +1,4 @@
-//! Damaged level sets, which the program looks at in a child process.
+//! Damaged level sets, which the program opens in a child process.
 
 use super::Refusal;
 use druse::frame::{Transform, Vec3};

@@ -185,8 +185,10 @@ fn what_can_be_closed_is_and_what_cannot_is_refused_with_its_place() {
         [0, 1, 2].iter().any(|&a| t.iter().all(|p| p[a] == 1.0))
     });
     let sheet = without(&unit(), |_, t| !lid(t));
-    for hopeless in [half, sheet, TriMesh::default()] {
-        let e = MeshSolid::repaired(hopeless).err().expect("bounds nothing");
+    for without_volume in [half, sheet, TriMesh::default()] {
+        let e = MeshSolid::repaired(without_volume)
+            .err()
+            .expect("bounds nothing");
         assert!(
             e.to_string().starts_with("the surface bounds no solid: "),
             "{e}"

@@ -195,7 +195,7 @@ const TETS: &str = "box = { size = [10, 10, 10], cell_size = 10, kind = \"tet\" 
 const TUBE: &str = "cylinder = { radius = 16, inner_radius = 4, height = 12, cell_size = 12 }";
 
 #[test]
-fn lattices_move_as_far_as_was_asked() {
+fn lattices_move_by_the_requested_distance() {
     let in_box = ([5.0, 5.0, 5.0], 4.75);
     let in_tube = ([0.0, 10.0, 6.0], 4.75);
     let lattices = [

@@ -19,7 +19,7 @@ fn make(text: &str, out: &Path) -> Result<Report, RunError> {
     run(&recipe, &options, &Silent)
 }
 
-/// Two cells along x in eight cubes, of which the solid is a part; then any outputs.
+/// Two cells along x in eight cubes, intersected with the solid; then any outputs.
 fn lattice(outputs: &str) -> String {
     format!(
         "druse = 1\n[cell.a]\nsurface = \"schwarz_p\"\nvolume_fraction = 0.4\n\
@@ -71,7 +71,7 @@ fn grids_and_vertex_attributes_say_the_same_of_a_place() {
     let expected =
         "x y z cell_id element_id weight_b thickness uvw_x uvw_y uvw_z fold_x fold_y fold_z";
     assert_eq!(names.join(" "), expected);
-    // The box stands at the origin: its least corner says where.
+    // The box stands at the origin: its least corner gives the place.
     let least: Vec<f32> = (0..3)
         .map(|a| rows.iter().map(|r| r[a]).fold(f32::MAX, f32::min))
         .collect();
@@ -175,7 +175,7 @@ fn pieces_become_grids_or_files_and_copies_grow_coarser() {
 }
 
 #[test]
-fn meshes_are_made_as_their_outputs_wish() {
+fn meshes_follow_the_options_of_their_outputs() {
     let text = "druse = 1\n[band]\nvoxel_size = 0.2\n\
         [[op]]\nunion = { box = { size = [4, 4, 4] } }\n\
         [[op]]\nsubtract = { cylinder = { from = [0, 0, -9], to = [0, 0, 9], radius = 1.23 } }\n\

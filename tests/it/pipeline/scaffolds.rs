@@ -34,7 +34,7 @@ fn with(scaffold: &str, tiling: &str, voxel: f64) -> String {
 const BLOCK: &str = "box = { size = [6, 2, 2], cell_size = 1 }";
 
 /// Volume fraction of a solid. The mesh bevels the rims where the scaffold ends, so that a law compares
-/// solids on the same voxels, not with the fraction asked for.
+/// solids on the same voxels, not with the target fraction.
 fn share(text: &str) -> f64 {
     report(text).solid.volume_fraction.unwrap()
 }
@@ -103,7 +103,7 @@ fn cells_and_cuts_that_do_not_go_with_the_scaffold_are_named() {
 }
 
 #[test]
-fn graded_volumes_are_those_asked_for() {
+fn graded_volumes_match_their_targets() {
     let graded = |cell: &str, rule: &str| {
         let tiling = format!("cell = \"{cell}\"\nvolume_fraction = {rule}");
         share(&with(BLOCK, &tiling, 0.06))
@@ -354,7 +354,7 @@ fn smooth_transitions_have_their_share_whatever_says_the_weights() {
     assert!((own - halfway(0.1)).abs() < 0.02, "{own}");
 }
 
-/// A grid of OpenVDB says the weights; what it says where it has no voxels is the recipe's choice.
+/// Weights from an OpenVDB grid; the recipe chooses the value where the grid has no voxels.
 #[test]
 fn volumes_set_weights() {
     let directory = tempfile::tempdir().unwrap();
@@ -401,7 +401,7 @@ fn volumes_set_weights() {
 }
 
 #[test]
-fn a_cell_in_pieces_is_told_with_the_one_that_is_not() {
+fn disconnected_cells_are_reported_by_name() {
     let palette = "druse = 1\n[cell.loose]\nsurface = \"schwarz_p\"\nvolume_fraction = 0.15\n\
                    [cell.sound]\nsurface = \"schwarz_p\"\nvolume_fraction = 0.4\n\
                    [cell.thick]\nsurface = \"schwarz_p\"\nvolume_fraction = 0.6\n\
@@ -411,13 +411,13 @@ fn a_cell_in_pieces_is_told_with_the_one_that_is_not() {
         let shares: Vec<String> = cells.iter().map(share).collect();
         format!("{palette}transition = [{}]\n", shares.join(", "))
     };
-    let told = |cells: &[&str]| -> Vec<String> {
+    let warnings_of = |cells: &[&str]| -> Vec<String> {
         let warnings = report(&tiling(cells)).warnings;
         let own = warnings.into_iter().filter(|w| w.code == "W110");
         own.map(|w| w.message).collect()
     };
-    assert!(told(&["sound", "thick"]).is_empty());
-    let messages = told(&["loose", "thick", "sound"]);
+    assert!(warnings_of(&["sound", "thick"]).is_empty());
+    let messages = warnings_of(&["loose", "thick", "sound"]);
     assert_eq!(messages.len(), 2, "{messages:?}");
     let first = &messages[0];
     assert!(

@@ -1,4 +1,4 @@
-//! `druse crystal`: what it writes, says and refuses.
+//! `druse crystal`: outputs, messages and refusals.
 
 use serde_json::Value;
 use std::io::{BufRead, BufReader, Read, Write};
@@ -107,8 +107,8 @@ fn a_recipe_names_its_crystals() {
 #[test]
 fn a_conversation_goes_on_after_errors_and_undoes() {
     let place = tempfile::tempdir().unwrap();
-    let said = "cube\nextrud all\nextrude tetrahedral all\nundo\nredo\nrepeat 2 {\nremesh simplest }\nsteps\nsave a.obj\nquit\nnever";
-    let done = druse(place.path(), &["--interactive"], said);
+    let input = "cube\nextrud all\nextrude tetrahedral all\nundo\nredo\nrepeat 2 {\nremesh simplest }\nsteps\nsave a.obj\nquit\nnever";
+    let done = druse(place.path(), &["--interactive"], input);
     let out = text(&done.stdout);
     assert!(done.status.success(), "{}", text(&done.stderr));
     for words in [
@@ -126,7 +126,7 @@ fn a_conversation_goes_on_after_errors_and_undoes() {
 }
 
 /// A request to the page of `--view`; gives the answer's first line and text.
-fn ask(address: &str, request: &str, host: &str, body: &str) -> (String, String) {
+fn send(address: &str, request: &str, host: &str, body: &str) -> (String, String) {
     let mut stream = std::net::TcpStream::connect(address).unwrap();
     let length = body.len();
     let head = format!(
@@ -159,8 +159,8 @@ fn the_page_serves_who_knows_its_address_and_writes_beside_the_script() {
     let address = url.trim().strip_prefix("http://").unwrap();
     let (host, token) = address.split_once('/').unwrap();
     assert!(host.starts_with("127.0.0.1:") && token.len() == 33, "{url}");
-    let post = |what: &str, body: &str| ask(host, &format!("POST /{token}{what}"), host, body);
-    let get = |path: &str, name: &str| ask(host, &format!("GET {path}"), name, "");
+    let post = |what: &str, body: &str| send(host, &format!("POST /{token}{what}"), host, body);
+    let get = |path: &str, name: &str| send(host, &format!("GET {path}"), name, "");
     let model = format!("/{token}model");
     assert!(get(&format!("/{token}"), host).1.contains("<canvas"));
     assert!(get(&model, host).1.contains("24 vertices"));
@@ -170,9 +170,9 @@ fn the_page_serves_who_knows_its_address_and_writes_beside_the_script() {
         (&"/".into(), host),
         (&model, "elsewhere.example"),
     ] {
-        let (status, said) = get(path, name);
+        let (status, body) = get(path, name);
         assert!(
-            status.contains("403") && !said.contains("vertices"),
+            status.contains("403") && !body.contains("vertices"),
             "{path}: {status}"
         );
     }

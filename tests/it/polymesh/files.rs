@@ -59,13 +59,13 @@ fn bad_files_are_named_by_line_and_face() {
     let error = |name: &str| read(&data("files").join(name)).unwrap_err();
     let index = error("bad_index.obj");
     assert_eq!((index.line(), index.found()), (Some(4), "vertex number 4"));
-    let crowded = error("bad_nonmanifold.obj");
-    assert_eq!(crowded.place(), Place::ItemOnLine("face", 2, 7));
+    let non_manifold = error("bad_nonmanifold.obj");
+    assert_eq!(non_manifold.place(), Place::ItemOnLine("face", 2, 7));
     assert!(
-        crowded
+        non_manifold
             .to_string()
             .contains("the edge from vertex 1 to 2 in the same direction as face 1"),
-        "{crowded}"
+        "{non_manifold}"
     );
     let open = error("bad_open.obj");
     assert!(
@@ -261,7 +261,7 @@ fn groups_as_colours_come_back_in_order_of_appearance() {
     let again = read(&path).unwrap().mesh;
     assert_eq!(again.groups(), [1, 1, 2, 2, 3, 1]);
     assert_eq!(again.faces(), mesh.faces());
-    // Hues come round again: colours that no file tells apart are refused.
+    // Hues come round again: colours that a file cannot distinguish are refused.
     let twins = (2..100_000).find(|&g| {
         let far = |k: usize| (group_color(g)[k] - group_color(1)[k]).abs();
         (0..3).all(|k| far(k) < 1e-4)

@@ -183,7 +183,7 @@ proptest! {
 }
 
 #[test]
-fn groups_follow_the_rule_asked_for() {
+fn groups_follow_the_requested_rule() {
     let old = seed::platonic("cube", 1.0)
         .unwrap()
         .with_groups(vec![5, 5, 7, 7, 9, 9]);

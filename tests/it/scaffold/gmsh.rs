@@ -322,7 +322,7 @@ fn data_sections_are_fields_in_every_version() {
                 0,
                 &[(4, &[1.])],
             );
-            // What nobody knows, with a line that looks like an end.
+            // An unknown section, with a line that looks like an end.
             out.line("$Own").int(1).end("$EndOther").line("$EndOwn");
             let file = read("a.msh", &out.1).unwrap_or_else(|e| panic!("{name}: {e}"));
             let notes = facts(&file).notes.join("\n");

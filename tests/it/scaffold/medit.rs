@@ -68,7 +68,7 @@ fn planes_of_two_dimensions_lie_at_zero() {
     assert_eq!(file.groups[0].name, "-5");
 }
 
-/// A binary file of version 1 to 4, with a section that nobody knows.
+/// A binary file of version 1 to 4, with an unknown section.
 fn binary(version: u32, big: bool) -> Vec<u8> {
     let mut out = Vec::new();
     let put = |out: &mut Vec<u8>, mut bytes: Vec<u8>| {

@@ -105,7 +105,7 @@ fn a_ring_that_runs_into_itself_is_refused() {
 #[test]
 fn parts_of_their_own_nodes_are_united() {
     let apart = |second: [[f64; 3]; 8]| {
-        // A hair off, so that no node is shared.
+        // Displaced by rounding, so that no node is shared.
         let s = hexes(&[cuboid([0.0; 3], ONE), second]);
         let report = s.validate().unwrap();
         assert!(report.defects.overlaps.is_empty());

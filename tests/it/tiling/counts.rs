@@ -1,4 +1,4 @@
-//! What a band costs, in counts: leaves visited, points looked at.
+//! What a band costs, in counts: leaves visited, points evaluated.
 
 use super::{options, scaffold};
 use crate::strategy::Noise;
@@ -70,9 +70,9 @@ fn few_points_are_looked_at_for_each_active_voxel_and_give_what_single_points_do
     }
 }
 
-/// Memory is asked for by blocks, not by leaves: what a pass takes again, once its buffers are there.
+/// Memory is allocated by blocks, not by leaves: what a pass takes again, once its buffers are there.
 #[test]
-fn memory_is_asked_for_by_blocks() {
+fn memory_is_allocated_by_blocks() {
     let one = Threads::new(1).unwrap();
     for (kind, noise, (cubes, voxels)) in [
         (Kind::Hex8, 0.0, (2, 60.0)),
@@ -103,23 +103,23 @@ fn memory_is_asked_for_by_blocks() {
             band.evaluate(&one, &Silent, &Statistics::default())
                 .unwrap()
         };
-        let (stats, asked) = one.install(|| {
+        let (stats, allocated) = one.install(|| {
             let stats = pass();
-            let asked = allocation_counter::measure(|| {
+            let allocated = allocation_counter::measure(|| {
                 pass();
             });
-            (stats, asked)
+            (stats, allocated)
         });
-        let each = asked.count_total as f64 / stats.leaves_touched as f64;
+        let each = allocated.count_total as f64 / stats.leaves_touched as f64;
         println!(
             "{} {noise}: {each:.2} allocations for each of {} leaves, {} bytes at most",
             kind.name(),
             stats.leaves_touched,
-            asked.bytes_max
+            allocated.bytes_max
         );
-        // Leaves on an outer face look at the samples beyond it.
+        // Leaves on an outer face evaluate the samples beyond it.
         assert!(each <= 0.1, "{} {noise}: {each}", kind.name());
         // Buffers are there already.
-        assert!(asked.bytes_max < 1 << 20, "{asked:?}");
+        assert!(allocated.bytes_max < 1 << 20, "{allocated:?}");
     }
 }

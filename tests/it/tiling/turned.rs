@@ -16,7 +16,7 @@ const OPTIONS: TilingOptions = TilingOptions {
     boundary: Boundary::Cut,
 };
 
-/// A box of 2 x 2 x 2 hexes, one of which is numbered from another corner on: turned about its z axis.
+/// A box of 2 x 2 x 2 hexes, one numbered from another corner: turned about its z axis.
 fn block(turned: Option<usize>) -> Scaffold {
     let block = Scaffold::box_grid(Vec3::repeat(2.0), [2; 3], Kind::Hex8).unwrap();
     let mut elements = Connectivity::default();

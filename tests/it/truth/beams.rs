@@ -1,4 +1,4 @@
-//! Round struts have the asked diameter in world space.
+//! Round struts have the requested diameter in world space.
 //!
 //! Right values are brute force over the scaffold's edges, which the tests map themselves, and closed forms.
 
@@ -12,7 +12,7 @@ use std::path::Path;
 
 mod recipes;
 
-/// Half the diameter that is asked for.
+/// Half the requested diameter.
 const RADIUS: f64 = 0.45;
 
 fn parse(text: &str) -> Recipe {
@@ -185,7 +185,7 @@ fn struts_in_random_tets_are_the_balls_along_their_edges() {
 }
 
 #[test]
-fn diameters_follow_the_thickness_asked_for() {
+fn diameters_follow_the_requested_thickness() {
     let scaffold =
         "box = { size = [10, 10, 20], cell_size = 10, origin = [-3, 2, 1] }\nboundary = \"extend\"";
     let tiling = "cell = \"s\"\nthickness = \"0.6 + 0.6 * bz\"";

@@ -86,8 +86,8 @@ fn overlapping_parts_are_united_and_overlapping_neighbours_refused() {
         both_volume > 1.2 * a && both_volume < a + b,
         "{a} {b} {both_volume}"
     );
-    let said = |w: &druse::pipeline::Warning| w.message.contains("united: elements 1 and 2");
-    assert!(both.warnings.iter().any(said), "{:?}", both.warnings);
+    let is_united = |w: &druse::pipeline::Warning| w.message.contains("united: elements 1 and 2");
+    assert!(both.warnings.iter().any(is_united), "{:?}", both.warnings);
 
     // On the same side of a face of their own.
     let joined = two.replace("2,11,12,13,14,15,16,17,18", "2,1,12,13,4,5,16,17,8");

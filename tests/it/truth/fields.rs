@@ -1,4 +1,4 @@
-//! Fields of files: missing values are errors with their place or what the recipe says, and one rule holds in every
+//! Fields of files: missing values are errors with their place or take the recipe's value, and one rule holds in every
 //! format where a name stands at points and at cells.
 
 use std::fmt::Write as _;

@@ -205,7 +205,7 @@ fn report(text: &str) -> Report {
 }
 
 #[test]
-fn a_part_of_distorted_hexes_has_the_fraction_asked_for() {
+fn a_part_of_distorted_hexes_has_the_target_fraction() {
     let text = |cell: &str, tiling: &str, voxel: f64| {
         format!(
             "druse = 1\n[cell.p]\nsurface = \"schwarz_p\"\n{cell}\n[scaffold]\nbox = {{ size = [2, 2, 2], cell_size = 2, \

@@ -367,7 +367,7 @@ fn commands_and_recipes_take_them_as_their_hints_say() {
     }
     assert!(recipe("").is_err() && recipe(", resample = false").is_err());
     // Checks and descriptions name what is wrong and go on.
-    let told = |command: &str, name: &str| {
+    let output_of = |command: &str, name: &str| {
         let out = druse(&[command], name, &[], place);
         (out.status.code(), String::from_utf8(out.stdout).unwrap())
     };
@@ -378,13 +378,13 @@ fn commands_and_recipes_take_them_as_their_hints_say() {
         ("unsigned", "an unsigned distance"),
         ("narrow", "a band of 0.4 voxels"),
     ] {
-        let (code, text) = told("check", name);
+        let (code, text) = output_of("check", name);
         assert!(
             code == Some(1) && text.contains(word) && text.contains("NOT sound"),
             "{text}"
         );
     }
-    let (code, text) = told("check", "voxels");
+    let (code, text) = output_of("check", "voxels");
     assert!(code == Some(0) && text.contains("count voxels"), "{text}");
     for (name, word) in [
         ("turned_ball", "voxels of 0.1, turned"),
@@ -394,7 +394,7 @@ fn commands_and_recipes_take_them_as_their_hints_say() {
         ("nan", "NaN at voxel"),
         ("frustum_block", "of a frustum"),
     ] {
-        let (code, text) = told("info", name);
+        let (code, text) = output_of("info", name);
         assert!(code == Some(0) && text.contains(word), "{name}: {text}");
     }
 }

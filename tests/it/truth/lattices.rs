@@ -11,9 +11,9 @@ fn stored(name: &str) -> String {
     folder.join(name).to_str().unwrap().to_owned()
 }
 
-struct Desk(tempfile::TempDir);
+struct WorkDirectory(tempfile::TempDir);
 
-impl Desk {
+impl WorkDirectory {
     fn new() -> Self {
         Self(tempfile::tempdir().unwrap())
     }
@@ -59,22 +59,22 @@ fn caps_have_the_volumes_of_their_closed_forms() {
         + (PI * 10.0 + 4.0 / 3.0 * PI)
         + (PI * 10.0 + 2.0 / 3.0 * PI)
         + PI * 10.0 / 3.0 * (4.0 + 2.0 + 1.0);
-    let desk = Desk::new();
-    let (volume, report) = desk.voxelized(&stored("caps.3mf"), "0.1");
+    let directory = WorkDirectory::new();
+    let (volume, report) = directory.voxelized(&stored("caps.3mf"), "0.1");
     near(volume, expected, 2e-3);
     assert_eq!(report["solid"]["components"], 4);
     // The clipped capsule is a cylinder as long as the cube.
-    let (volume, _) = desk.voxelized(&stored("clipped.3mf"), "0.1");
+    let (volume, _) = directory.voxelized(&stored("clipped.3mf"), "0.1");
     near(volume, PI * 4.0 * 10.0, 2e-3);
     let outside = std::fs::read(stored("clipped.3mf")).unwrap();
-    let kept = desk.path("outside.3mf");
+    let kept = directory.path("outside.3mf");
     rewrite(&outside, &kept, |t| {
         t.replace("clippingmode=\"inside\"", "clippingmode=\"outside\"")
     });
-    let (volume, _) = desk.voxelized("outside.3mf", "0.1");
+    let (volume, _) = directory.voxelized("outside.3mf", "0.1");
     near(volume, PI * 4.0 * 10.0 + 4.0 / 3.0 * PI * 8.0, 2e-3);
-    // In centimetres: a rod of 4 and 0.2 thick, half of which at one end is in a ball of radius 1.
-    let (volume, _) = desk.voxelized(&stored("balls.3mf"), "0.025");
+    // In centimetres: a rod of 4 and 0.2 thick, with one half in a ball of radius 1.
+    let (volume, _) = directory.voxelized(&stored("balls.3mf"), "0.025");
     let (r, s) = (0.2f64, 1.0f64);
     // The rod from where it leaves the ball, and its far cap.
     let depth = (s * s - r * r).sqrt();
@@ -131,9 +131,9 @@ fn a_mesh_and_its_beams_are_one_solid() {
         }
     }
     let expected = count as f64 * step * step * step;
-    let desk = Desk::new();
+    let directory = WorkDirectory::new();
     let file = stored("beams_and_mesh.3mf");
-    let (volume, report) = desk.voxelized(&file, "0.1");
+    let (volume, report) = directory.voxelized(&file, "0.1");
     near(volume, expected, 2e-3);
     assert_eq!(report["solid"]["components"], 1);
     let reach = report["solid"]["box"][1][0].as_f64().unwrap();
@@ -143,8 +143,8 @@ fn a_mesh_and_its_beams_are_one_solid() {
         "druse = 1\nunit = \"mm\"\n[band]\nvoxel_size = 0.2\n[[op]]\nunion = {{ box = {{ centre = [16, 5, 5], size = [40, 20, 20] }} }}\n\
          [[op]]\nsubtract = {{ mesh = {{ path = {file:?}, transform = {{ translate = [1, 0, 0] }} }} }}\n[[output]]\nvdb = \"cut.vdb\"\n"
     );
-    write_bytes(desk.path("cut.toml"), cut.as_bytes()).unwrap();
-    let report = desk.json(&["run", "cut.toml"]);
+    write_bytes(directory.path("cut.toml"), cut.as_bytes()).unwrap();
+    let report = directory.json(&["run", "cut.toml"]);
     near(
         report["solid"]["volume"].as_f64().unwrap(),
         40.0 * 20.0 * 20.0 - expected,
@@ -159,14 +159,14 @@ fn a_mesh_and_its_beams_are_one_solid() {
         .replace("[[op]]\nsubtract", "#")
         .replace("cut.vdb", "grown.vdb");
     let rods = std::fs::read(stored("caps.3mf")).unwrap();
-    rewrite(&rods, &desk.path("rod.3mf"), |t| {
+    rewrite(&rods, &directory.path("rod.3mf"), |t| {
         let lines = t
             .lines()
             .filter(|l| !l.contains("<b:beam ") || l.contains("hemisphere"));
         lines.collect::<Vec<_>>().join("\n")
     });
-    write_bytes(desk.path("grown.toml"), grown.as_bytes()).unwrap();
-    let report = desk.json(&["run", "grown.toml"]);
+    write_bytes(directory.path("grown.toml"), grown.as_bytes()).unwrap();
+    let report = directory.json(&["run", "grown.toml"]);
     let r: f64 = 1.3;
     near(
         report["solid"]["volume"].as_f64().unwrap(),
@@ -177,7 +177,7 @@ fn a_mesh_and_its_beams_are_one_solid() {
 
 #[test]
 fn a_lattice_written_as_beams_is_read_back() {
-    let desk = Desk::new();
+    let directory = WorkDirectory::new();
     for (cell, tiling) in [
         ("graph = \"octet\"", "thickness = 0.8"),
         ("graph = \"bcc\"", "thickness = \"0.6 + 0.6 * bx\""),
@@ -187,34 +187,34 @@ fn a_lattice_written_as_beams_is_read_back() {
              boundary = \"extend\"\n[tiling]\ncell = \"s\"\n{tiling}\n[band]\nvoxel_size = 0.1\n[[output]]\nvdb = \"a.vdb\"\n\
              [[output]]\nmesh = \"a.3mf\"\nbeams = true\n"
         );
-        write_bytes(desk.path("a.toml"), text.as_bytes()).unwrap();
-        let direct = desk.json(&["run", "a.toml"]);
+        write_bytes(directory.path("a.toml"), text.as_bytes()).unwrap();
+        let direct = directory.json(&["run", "a.toml"]);
         let direct = direct["solid"]["volume"].as_f64().unwrap();
         let again = "druse = 1\nunit = \"mm\"\n[band]\nvoxel_size = 0.1\n[[op]]\nunion = { mesh = \"a.3mf\" }\n\
                      [[output]]\nvdb = \"b.vdb\"\n";
-        write_bytes(desk.path("b.toml"), again.as_bytes()).unwrap();
-        let report = desk.json(&["run", "b.toml"]);
+        write_bytes(directory.path("b.toml"), again.as_bytes()).unwrap();
+        let report = directory.json(&["run", "b.toml"]);
         near(report["solid"]["volume"].as_f64().unwrap(), direct, 5e-4);
         // Measured from the level set, not from its mesh, which lies within round struts.
-        let (volume, _) = desk.voxelized("a.3mf", "0.1");
+        let (volume, _) = directory.voxelized("a.3mf", "0.1");
         near(volume, direct, 2e-2);
         assert_eq!(report["solid"]["components"], 1);
     }
-    let info = desk.json(&["info", "a.3mf"]);
+    let info = directory.json(&["info", "a.3mf"]);
     // Eight half struts in each of twelve cells.
     assert_eq!(info["beams"]["count"], 96);
     assert_eq!(info["triangles"], 0);
-    let preview = desk.output(&["preview", "a.3mf", "-o", "a.png", "--size", "80x60"]);
+    let preview = directory.output(&["preview", "a.3mf", "-o", "a.png", "--size", "80x60"]);
     assert!(
         preview.status.success(),
         "{}",
         String::from_utf8_lossy(&preview.stderr)
     );
-    let check = desk.output(&["check", "a.3mf"]);
+    let check = directory.output(&["check", "a.3mf"]);
     assert!(check.status.success());
     // Where only triangles will do, the lattice is named.
-    write_bytes(desk.path("load.crystal"), b"load a.3mf\n").unwrap();
-    let refused = desk.output(&["crystal", "load.crystal", "-o", "x.obj"]);
+    write_bytes(directory.path("load.crystal"), b"load a.3mf\n").unwrap();
+    let refused = directory.output(&["crystal", "load.crystal", "-o", "x.obj"]);
     let error = String::from_utf8_lossy(&refused.stderr).into_owned();
     assert!(
         !refused.status.success() && error.contains("a beam lattice of"),
@@ -222,8 +222,8 @@ fn a_lattice_written_as_beams_is_read_back() {
     );
     let skin = "druse = 1\nunit = \"mm\"\n[band]\nvoxel_size = 0.2\n[[op]]\nunion = { mesh = \"a.3mf\" }\n[[op]]\n\
                 union = { skin = { mesh = \"a.3mf\", thickness = 1 } }\n[[output]]\nvdb = \"s.vdb\"\n";
-    write_bytes(desk.path("s.toml"), skin.as_bytes()).unwrap();
-    let refused = desk.output(&["run", "s.toml"]);
+    write_bytes(directory.path("s.toml"), skin.as_bytes()).unwrap();
+    let refused = directory.output(&["run", "s.toml"]);
     let error = String::from_utf8_lossy(&refused.stderr).into_owned();
     assert!(
         refused.status.code() == Some(65) && error.contains("a beam lattice of"),
@@ -233,7 +233,7 @@ fn a_lattice_written_as_beams_is_read_back() {
 
 #[test]
 fn beams_are_the_struts_of_a_cell() {
-    let desk = Desk::new();
+    let directory = WorkDirectory::new();
     let beams = stored("t14b_beams_only_notri.3mf");
     // The twelve edges of the unit cube with the radius of a tenth of its edge, by hand.
     let nodes: Vec<String> = (0..8)
@@ -251,14 +251,14 @@ fn beams_are_the_struts_of_a_cell() {
         "radius = 0.1\nnodes = [{}]\nedges = [{edges}]\n",
         nodes.join(", ")
     );
-    write_bytes(desk.path("g.toml"), graph.as_bytes()).unwrap();
+    write_bytes(directory.path("g.toml"), graph.as_bytes()).unwrap();
     let volume = |graph: &str, extra: &str| {
         let text = format!(
             "druse = 1\nunit = \"mm\"\n[cell.s]\ngraph = {graph}\n{extra}\n[scaffold]\nbox = {{ size = [8, 8, 8], cell_size = 4 }}\n\
              [tiling]\ncell = \"s\"\n[band]\nvoxel_size = 0.2\n[[output]]\nvdb = \"a.vdb\"\n"
         );
-        write_bytes(desk.path("a.toml"), text.as_bytes()).unwrap();
-        desk.json(&["run", "a.toml"])["solid"]["volume"]
+        write_bytes(directory.path("a.toml"), text.as_bytes()).unwrap();
+        directory.json(&["run", "a.toml"])["solid"]["volume"]
             .as_f64()
             .unwrap()
     };
@@ -275,7 +275,7 @@ fn beams_are_the_struts_of_a_cell() {
     // Round struts of radius 0.4 on the edges of eight cubes of 4: on the outer faces half, on outer edges a quarter.
     let round = volume(&placed, "section = \"round\"");
     assert!(round > 20.0 && round < 40.0, "{round}");
-    let fit = desk.output(&[
+    let fit = directory.output(&[
         "fit",
         &beams,
         "-o",
@@ -296,8 +296,8 @@ fn beams_are_the_struts_of_a_cell() {
         "druse = 1\nunit = \"mm\"\n[cell.s]\nmesh = {beams:?}\n[scaffold]\nbox = {{ size = [4, 4, 4], cell_size = 4 }}\n[tiling]\ncell = \"s\"\n\
          [band]\nvoxel_size = 0.5\n[[output]]\nvdb = \"a.vdb\"\n"
     );
-    write_bytes(desk.path("m.toml"), mesh.as_bytes()).unwrap();
-    let refused = desk.output(&["run", "m.toml"]);
+    write_bytes(directory.path("m.toml"), mesh.as_bytes()).unwrap();
+    let refused = directory.output(&["run", "m.toml"]);
     let error = String::from_utf8_lossy(&refused.stderr).into_owned();
     assert!(
         error.contains("a beam lattice of 12 beams") && error.contains("graph"),
@@ -307,8 +307,8 @@ fn beams_are_the_struts_of_a_cell() {
 
 #[test]
 fn info_says_beams_radii_and_the_box_with_them() {
-    let desk = Desk::new();
-    let output = desk.output(&["info", &stored("beams_and_mesh.3mf")]);
+    let directory = WorkDirectory::new();
+    let output = directory.output(&["info", &stored("beams_and_mesh.3mf")]);
     let text = String::from_utf8(output.stdout).unwrap();
     for line in [
         "12 triangles, 8 vertices, 1 component, volume 1000 mm^3, area 600.0 mm^2",
@@ -317,21 +317,21 @@ fn info_says_beams_radii_and_the_box_with_them() {
     ] {
         assert!(text.contains(line), "{line:?} is not in {text}");
     }
-    let facts = desk.json(&["info", &stored("caps.3mf")]);
+    let facts = directory.json(&["info", &stored("caps.3mf")]);
     assert_eq!(facts["beams"]["radii"], serde_json::json!([1.0, 2.0]));
     assert_eq!(
         facts["beams"]["caps"],
         serde_json::json!({ "sphere": 1, "hemisphere": 2, "butt": 5 })
     );
     assert_eq!(facts["unit"], "mm");
-    let facts = desk.json(&["info", &stored("clipped.3mf")]);
+    let facts = directory.json(&["info", &stored("clipped.3mf")]);
     assert_eq!(facts["beams"]["clipped"]["inside"], 1);
-    let notes = desk.json(&["info", &stored("t07_support.3mf")])["notes"].clone();
+    let notes = directory.json(&["info", &stored("t07_support.3mf")])["notes"].clone();
     assert_eq!(
         notes,
         serde_json::json!(["1 object of type support is left out: object 9"])
     );
-    let refused = desk.output(&["info", &stored("unknown_extension.3mf")]);
+    let refused = directory.output(&["info", &stored("unknown_extension.3mf")]);
     assert_eq!(refused.status.code(), Some(65));
     assert!(String::from_utf8_lossy(&refused.stderr).contains("http://example.com/q"));
 }

@@ -1,4 +1,4 @@
-//! Offsets of level sets move every wall by what was asked, and edges and corners as in closed form.
+//! Offsets of level sets move every wall by the requested distance, and edges and corners as in closed form.
 
 use druse::frame::{LengthUnit, Vec3};
 use druse::io::write_mesh;
@@ -237,10 +237,10 @@ fn a_fillet_rounds_the_concave_edge_alone() {
     for radius in [1.0, 3.0] {
         let filled = two(&format!("[[op]]\nfillet = {radius}\n"));
         let added = filled.volume() - plain.volume();
-        let asked = (1.0 - PI / 4.0) * radius * radius * 10.0;
+        let expected_volume = (1.0 - PI / 4.0) * radius * radius * 10.0;
         assert!(
-            (added / asked - 1.0).abs() < 0.06,
-            "{radius}: {added} for {asked}"
+            (added / expected_volume - 1.0).abs() < 0.06,
+            "{radius}: {added} for {expected_volume}"
         );
         assert!((plain.volume() / exact - 1.0).abs() < 0.003);
         let [a, b] = [&plain, &filled].map(TriMesh::bounds);
@@ -277,7 +277,7 @@ fn files_and_recipes_memory_and_bricks_agree() {
             "{op}"
         );
     }
-    // OpenVDB's filter for who asks for it.
+    // OpenVDB's filter on request.
     let filtered = "[[op]]\ndilate = { distance = 1.3, scheme = \"openvdb\" }\n";
     let own = hash(&file, filtered, None);
     assert_ne!(own, hash(&file, "[[op]]\ndilate = 1.3\n", None));

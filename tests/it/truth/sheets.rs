@@ -1,4 +1,4 @@
-//! Sheets have the asked thickness in world space.
+//! Sheets have the requested thickness in world space.
 //!
 //! The ruler is the closed form of the cell, mapped by hand, and a dense cloud of points of its zero set:
 //! nothing of it is Druse's.
@@ -41,7 +41,7 @@ fn planes(thickness: f64) -> String {
 }
 
 #[test]
-fn walls_of_planes_are_as_thick_as_asked() {
+fn walls_of_planes_have_the_requested_thickness() {
     for thickness in [0.1, 0.2, 0.3, 0.35] {
         let found = report(&planes(thickness)).solid;
         let share = found.volume / 1000.0;
@@ -61,7 +61,7 @@ fn walls_of_planes_are_as_thick_as_asked() {
 }
 
 #[test]
-fn a_cell_asks_for_a_wall_in_units_of_length() {
+fn a_cell_can_set_a_wall_in_units_of_length() {
     let of_tiling = planes(0.3);
     let own = of_tiling.replace("thickness = 0.3", "thickness = \"1.5mm\"");
     let [by_share, by_length] = [of_tiling, own].map(|text| report(&text).solid.volume);
@@ -196,10 +196,10 @@ fn a_sheet_in_a_distorted_tet_has_its_thickness_graded_or_not() {
         .take(60)
         .collect();
     assert!(points.len() > 30, "{}", points.len());
-    for (asked, slope) in [("0.8", 0.0), ("\"0.6 + 0.02*z\"", 0.02)] {
+    for (target, slope) in [("0.8", 0.0), ("\"0.6 + 0.02*z\"", 0.02)] {
         let text = format!(
             "druse = 1\n[cell.p]\nsurface = \"schwarz_p\"\nsolid = \"sheet\"\n\
-             [scaffold]\nfile = {file:?}\n[tiling]\ncell = \"p\"\nthickness = {asked}\n\
+             [scaffold]\nfile = {file:?}\n[tiling]\ncell = \"p\"\nthickness = {target}\n\
              [band]\nvoxel_size = 0.1\n"
         );
         for (&p, phi) in points.iter().zip(distances(&recipe(&text), &points)) {
@@ -208,7 +208,7 @@ fn a_sheet_in_a_distorted_tet_has_its_thickness_graded_or_not() {
             let expected = nearest(f, &cloud, p) - thickness / 2.0;
             assert!(
                 (phi.min(0.3) - expected.min(0.3)).abs() < 0.012,
-                "{asked} {p:?}: {phi} for {expected}"
+                "{target} {p:?}: {phi} for {expected}"
             );
         }
     }

@@ -387,7 +387,7 @@ fn one_thread_writes_the_same_content() {
 }
 
 #[test]
-fn memory_is_told() {
+fn memory_is_reported() {
     let now = vdb::resident_memory().unwrap();
     let peak = vdb::peak_memory().unwrap();
     assert!(peak >= now && now > 1 << 20);

@@ -89,7 +89,7 @@ fn a_band_that_is_widened_at_once_is_closed_and_knows_its_inside() {
 }
 
 #[test]
-fn walls_are_as_thick_as_asked() {
+fn walls_have_the_requested_thickness() {
     let (r, t) = (10.0, 1.5);
     for (side, outer, inner) in [
         (WallSide::Inside, r, r - t),

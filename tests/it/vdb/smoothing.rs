@@ -1,4 +1,4 @@
-//! The own filters against OpenVDB's, of which they are a faster copy.
+//! Druse's filters against OpenVDB's, which they replace.
 
 use super::operations::Op;
 use super::{THREADS, complement, cube, intersection, level_set, session, sphere_at, union};

@@ -11,17 +11,17 @@ fn stopping_ends_a_filter_within_two_seconds() {
     // Half a minute of work.
     let mut s = sphere(50.0, 0.25);
     let stop = Stop(AtomicBool::new(false));
-    let (asked, ended) = std::thread::scope(|scope| {
-        let asked = scope.spawn(|| {
+    let (cancelled_at, ended) = std::thread::scope(|scope| {
+        let cancelled_at = scope.spawn(|| {
             std::thread::sleep(Duration::from_millis(300));
             stop.0.store(true, Ordering::Relaxed);
             Instant::now()
         });
         let result = s.gaussian(2, 20, Session::new(&THREADS, &stop));
         assert!(matches!(result, Err(VdbError::Cancelled(_))), "{result:?}");
-        (asked.join().unwrap(), Instant::now())
+        (cancelled_at.join().unwrap(), Instant::now())
     });
-    let late = ended.saturating_duration_since(asked);
+    let late = ended.saturating_duration_since(cancelled_at);
     assert!(late < Duration::from_secs(2), "{late:?}");
     // Empty, not half-done; and OpenVDB's next loop runs as if nothing had happened.
     assert_eq!(s.active_voxels().unwrap(), 0);
@@ -54,7 +54,7 @@ fn every_long_call_listens() {
 }
 
 #[test]
-fn a_panic_in_the_callback_is_a_wish_to_stop() {
+fn a_panic_in_the_callback_cancels() {
     struct Panics;
     impl Progress for Panics {
         fn stage(&self, _: &str, _: Option<u64>) {}
@@ -67,6 +67,6 @@ fn a_panic_in_the_callback_is_a_wish_to_stop() {
     let result = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
         s.dilate(1.0, Session::new(&THREADS, &Panics))
     }));
-    // The panic does not cross C++; asked again on this side, it may surface.
+    // The panic does not cross C++; called again on this side, it may surface.
     assert!(result.is_err() || result.is_ok_and(|r| r.is_err()));
 }

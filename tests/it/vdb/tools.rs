@@ -45,7 +45,7 @@ fn part() -> LevelSet {
     level_set(&intersection(block, complement(hole)), cube(6.0), h)
 }
 
-/// The tool, or nothing where it is not installed, which is said.
+/// The tool, or none (with a note) where it is not installed.
 fn tool() -> Option<Command> {
     let found = Command::new("vdb_tool")
         .arg("-version")

@@ -48,7 +48,7 @@ fn bricks_make_the_bytes_that_memory_makes() {
 
 /// Plates on all faces of random tets: inside a tet the nearest face is a wall's middle, or an outer face.
 #[test]
-fn plates_are_as_thick_as_asked() {
+fn plates_have_the_requested_thickness() {
     let directory = tempfile::tempdir().unwrap();
     let scaffold = random_tets();
     let file = written(&scaffold, directory.path());
@@ -127,21 +127,21 @@ fn shared_struts_count_once() {
 }
 
 #[test]
-fn a_cell_asks_for_a_thickness_by_itself() {
+fn a_cell_can_set_its_own_thickness() {
     let scaffold = "box = { size = [8, 8, 8], cell_size = 4 }";
     let volume = |cell: &str, tiling: &str| {
         let found = report(&recipe(cell, scaffold, tiling, 0.1));
         (found.solid.volume, found.cells["s"].clone())
     };
-    let (asked, _) = volume("graph = \"bcc\"", "cell = \"s\"\nthickness = 0.8");
+    let (target, _) = volume("graph = \"bcc\"", "cell = \"s\"\nthickness = 0.8");
     let (own, facts) = volume("graph = \"bcc\"\nthickness = \"0.8mm\"", "cell = \"s\"");
-    assert_eq!((asked, "round"), (own, facts["section"].as_str().unwrap()));
+    assert_eq!((target, "round"), (own, facts["section"].as_str().unwrap()));
     // Edge 4: 0.2 reference lengths.
     let relative = "graph = \"bcc\"\nsection = \"round\"\nthickness = 0.2";
-    assert!((volume(relative, "cell = \"s\"").0 / asked - 1.0).abs() < 1e-6);
+    assert!((volume(relative, "cell = \"s\"").0 / target - 1.0).abs() < 1e-6);
     let radius = "graph = \"bcc\"\nsection = \"round\"\nradius = 0.1";
-    assert!((volume(radius, "cell = \"s\"").0 / asked - 1.0).abs() < 1e-6);
-    // Without a length, and where it is asked for, the series stays.
+    assert!((volume(radius, "cell = \"s\"").0 / target - 1.0).abs() < 1e-6);
+    // Without a length, and where requested, the series stays.
     for cell in [
         "graph = \"bcc\"\nradius = 0.1",
         "graph = \"bcc\"\nthickness = 0.2",

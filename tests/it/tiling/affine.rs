@@ -1,5 +1,4 @@
-//! Elements whose maps are affine, which bulk evaluation places by the row: what it gives is what single
-//! points give.
+//! Elements with affine maps: bulk evaluation equals evaluation at single points.
 
 use super::options;
 use crate::strategy::{self, Noise};
@@ -93,8 +92,8 @@ fn anywhere(
     }
 }
 
-/// Bounds of the eight halves of a lattice's box, at once and one by one, contain its values, and what is
-/// said of all together is at least as sharp.
+/// Bounds of the eight halves of a lattice's box, together and one by one, contain its values; the common
+/// bound is at least as sharp.
 fn bounds_hold(tiled: &TiledSolid, lattice: &SampleLattice<WorldPoint>, values: &[f32]) {
     let span = lattice.span();
     let half = span.size() / 2.0;
@@ -137,8 +136,8 @@ fn bounds_hold(tiled: &TiledSolid, lattice: &SampleLattice<WorldPoint>, values: 
     }
 }
 
-/// What is said of a leaf is true of its samples, and of the signs around them; whether it says that the leaf
-/// is beyond the band, and whether the bounds of its parts do.
+/// The classification of a leaf holds for its samples and the signs around them. Returns whether the leaf is
+/// classified as beyond the band, and whether its parts are.
 fn leaf_holds(tiled: &TiledSolid, origin: WorldPoint, options: TilingOptions) -> [bool; 2] {
     let (step, near) = (options.voxel_size, options.half_width);
     let corner = |first: f64, edge: f64, n: usize| {
@@ -169,7 +168,7 @@ fn leaf_holds(tiled: &TiledSolid, origin: WorldPoint, options: TilingOptions) ->
             .all(|i| (1..9).contains(i));
         let v = f64::from(v);
         let slack = 1e-5 * near;
-        // Of a leaf in the band no more is said.
+        // A leaf in the band has no further bound.
         let holds = if is_own {
             bound.lo - slack <= v && v <= bound.hi + slack
         } else {

@@ -1,5 +1,5 @@
-//! Leaves told by the cell at a few nodes: within the tolerance of what single points give, and only where the
-//! field is smooth.
+//! Leaves interpolated from a few nodes: within the tolerance of evaluation at single points, and only where
+//! the field is smooth.
 
 use super::{Cosines, options, scaffold};
 use crate::strategy::Noise;
@@ -31,9 +31,9 @@ fn leaf(scaffold: &Scaffold, noise: &mut Noise) -> SampleLattice<WorldPoint> {
     }
 }
 
-/// Over random leaves with the surface near their middle: how many were told by nodes, and of how many points the field was asked for those and
-/// without nodes. Every value is that of its point by itself, within the tolerance or as without nodes.
-fn told_leaves<F: Filling>(
+/// Fills random leaves with the surface near their middle. Returns how many were interpolated, and the number of
+/// evaluated points with and without interpolation. Checks every value against evaluation at its point.
+fn interpolated_leaves<F: Filling>(
     scaffold: &Scaffold,
     filling: &F,
     (options, tolerance): (TilingOptions, f64),
@@ -44,7 +44,7 @@ fn told_leaves<F: Filling>(
     let tiled = TiledSolid::new(scaffold, filling, options).unwrap();
     let tiled = tiled.noting(&visits).by_nodes(tolerance * H);
     let mut noise = Noise::new(17);
-    let mut looked = [0; 2];
+    let mut evaluated = [0; 2];
     for _ in 0..leaves {
         let lattice = loop {
             let lattice = leaf(scaffold, &mut noise);
@@ -60,8 +60,8 @@ fn told_leaves<F: Filling>(
             assert_eq!(a, b);
             continue;
         }
-        looked[0] += own;
-        looked[1] += all;
+        evaluated[0] += own;
+        evaluated[1] += all;
         for (n, (&a, &b)) in a.iter().zip(&b).enumerate() {
             let (a, b) = (f64::from(a) / H, f64::from(b) / H);
             let most = 2.0 * tolerance + 0.02 * b.abs();
@@ -77,7 +77,7 @@ fn told_leaves<F: Filling>(
             }
         }
     }
-    (visits.leaves_by_nodes(), looked)
+    (visits.leaves_by_nodes(), evaluated)
 }
 
 #[test]
@@ -92,14 +92,20 @@ fn what_nodes_tell_is_within_the_tolerance() {
         let scaffold = scaffold(kind, [2, 2, 2], 0.1, 3);
         let table = table(surface, kind.shape());
         for tolerance in [0.005, 0.05] {
-            let (told, looked) = told_leaves(&scaffold, &table, (options(H), tolerance), 250);
+            let (interpolated, evaluated) =
+                interpolated_leaves(&scaffold, &table, (options(H), tolerance), 250);
             println!(
-                "{} {}: {told} of 250 leaves, {looked:?}",
+                "{} {}: {interpolated} of 250 leaves, {evaluated:?}",
                 kind.name(),
                 surface.name()
             );
-            assert!(told > 8, "{} {}: {told}", kind.name(), surface.name());
-            assert!(looked[0] < looked[1], "{looked:?}");
+            assert!(
+                interpolated > 8,
+                "{} {}: {interpolated}",
+                kind.name(),
+                surface.name()
+            );
+            assert!(evaluated[0] < evaluated[1], "{evaluated:?}");
         }
     }
 }
@@ -125,10 +131,13 @@ fn fitted_cells_take_more_nodes() {
         let scaffold = scaffold(kind, [2, 2, 2], bent, 3);
         let [coarse, fine] = [0.005, 0.0005].map(|tolerance| {
             let how = (super::options(H), tolerance);
-            let (told, looked) = told_leaves(&scaffold, &table, how, 250);
-            println!("{told} of 250 leaves within {tolerance}, {looked:?}");
-            assert!(told > 40 && looked[0] < looked[1], "{told} {looked:?}");
-            looked[0] as f64 / told as f64
+            let (interpolated, evaluated) = interpolated_leaves(&scaffold, &table, how, 250);
+            println!("{interpolated} of 250 leaves within {tolerance}, {evaluated:?}");
+            assert!(
+                interpolated > 40 && evaluated[0] < evaluated[1],
+                "{interpolated} {evaluated:?}"
+            );
+            evaluated[0] as f64 / interpolated as f64
         });
         // 4^3 nodes and 16 trials, or 6^3 as well.
         assert!(coarse >= 80.0 && fine > 1.5 * coarse, "{coarse} {fine}");
@@ -136,7 +145,7 @@ fn fitted_cells_take_more_nodes() {
 }
 
 #[test]
-fn sheets_are_told_by_what_they_fold() {
+fn sheets_are_interpolated_before_folding() {
     for (solid, half) in [(Solid::Sheet, 0.15), (Solid::Channels, 0.4)] {
         let cell = Surface::SchwarzP.cell(Element::Hex).unwrap();
         let cell = cell.with_solid(solid, half).unwrap();
@@ -147,15 +156,19 @@ fn sheets_are_told_by_what_they_fold() {
         );
         for kind in [Kind::Hex8, Kind::Hex20] {
             let scaffold = scaffold(kind, [2, 2, 2], 0.1, 3);
-            let (told, looked) = told_leaves(&scaffold, &table, (options(H), 0.005), 250);
-            println!("{solid:?}: {told} of 250 leaves, {looked:?}");
-            assert!(told > 20 && looked[0] < looked[1], "{told} {looked:?}");
+            let (interpolated, evaluated) =
+                interpolated_leaves(&scaffold, &table, (options(H), 0.005), 250);
+            println!("{solid:?}: {interpolated} of 250 leaves, {evaluated:?}");
+            assert!(
+                interpolated > 20 && evaluated[0] < evaluated[1],
+                "{interpolated} {evaluated:?}"
+            );
         }
     }
 }
 
 #[test]
-fn blends_are_told_too() {
+fn blends_are_interpolated_too() {
     let scaffold = scaffold(Kind::Hex8, [2, 2, 2], 0.1, 5);
     let tables = [Surface::SchwarzP, Surface::Iwp].map(|s| table(s, Element::Hex));
     let mut noise = Noise::new(2);
@@ -173,8 +186,12 @@ fn blends_are_told_too() {
             cells: vec![t],
         });
         let blend = Blend::new(&scaffold, members.collect(), weights.clone(), how).unwrap();
-        let (told, looked) = told_leaves(&scaffold, &blend, (options(H), 0.005), 250);
-        assert!(told > 20 && looked[0] < looked[1], "{told} {looked:?}");
+        let (interpolated, evaluated) =
+            interpolated_leaves(&scaffold, &blend, (options(H), 0.005), 250);
+        assert!(
+            interpolated > 20 && evaluated[0] < evaluated[1],
+            "{interpolated} {evaluated:?}"
+        );
     }
 }
 
@@ -184,7 +201,7 @@ fn nodes_do_not_tell_what_is_not_smooth_or_not_a_leaf() {
     // Of this nothing is known but values.
     let unknown = Cosines::schwarz_p(Element::Hex, 0.1);
     let how = (options(H), 0.005);
-    assert_eq!(told_leaves(&scaffold, &unknown, how, 20).0, 0);
+    assert_eq!(interpolated_leaves(&scaffold, &unknown, how, 20).0, 0);
     let plain = table(Surface::SchwarzP, Element::Hex);
     assert!((plain.smooth().unwrap().frequency - 1.0).abs() < 1e-12);
     // Nor where that is not wanted, distances are exact, or waves are short against voxels.
@@ -192,8 +209,14 @@ fn nodes_do_not_tell_what_is_not_smooth_or_not_a_leaf() {
         distance: Distance::Exact,
         ..options(H)
     };
-    assert_eq!(told_leaves(&scaffold, &plain, (options(H), 0.0), 60).0, 0);
-    assert_eq!(told_leaves(&scaffold, &plain, (exact, 0.005), 6).0, 0);
+    assert_eq!(
+        interpolated_leaves(&scaffold, &plain, (options(H), 0.0), 60).0,
+        0
+    );
+    assert_eq!(
+        interpolated_leaves(&scaffold, &plain, (exact, 0.005), 6).0,
+        0
+    );
     let visits = Visits::new(scaffold.len());
     let coarse = TiledSolid::new(&scaffold, &plain, options(0.06)).unwrap();
     let coarse = coarse.noting(&visits).by_nodes(0.1);
@@ -215,7 +238,7 @@ fn nodes_do_not_tell_what_is_not_smooth_or_not_a_leaf() {
 }
 
 #[test]
-fn wide_bands_are_told_no_worse_near_their_ends() {
+fn wide_bands_are_interpolated_no_worse_near_their_ends() {
     // What is moved by as much as the band is wide has its surface there.
     let scaffold = scaffold(Kind::Hex20, [2, 2, 2], 0.1, 3);
     let table = table(Surface::SchwarzP, Element::Hex);
@@ -226,13 +249,13 @@ fn wide_bands_are_told_no_worse_near_their_ends() {
     };
     let visits = Visits::new(scaffold.len());
     let plain = TiledSolid::new(&scaffold, &table, wide).unwrap();
-    let told = TiledSolid::new(&scaffold, &table, wide).unwrap();
-    let told = told.noting(&visits).by_nodes(0.005 * H);
+    let interpolated = TiledSolid::new(&scaffold, &table, wide).unwrap();
+    let interpolated = interpolated.noting(&visits).by_nodes(0.005 * H);
     let mut noise = Noise::new(7);
     for _ in 0..400 {
         let lattice = leaf(&scaffold, &mut noise);
         let [mut a, mut b] = [[0f32; 512]; 2];
-        told.fill(&lattice, &mut a);
+        interpolated.fill(&lattice, &mut a);
         plain.fill(&lattice, &mut b);
         for (a, b) in a.iter().zip(&b) {
             let (a, b) = (f64::from(*a) / H, f64::from(*b) / H);
@@ -248,8 +271,8 @@ fn the_widest_registers_tell_the_same_bits() {
     let scaffold = scaffold(Kind::Hex8, [2, 2, 2], 0.1, 3);
     let table = table(Surface::SchwarzP, Element::Hex);
     let visits = Visits::new(scaffold.len());
-    let told = TiledSolid::new(&scaffold, &table, options(H)).unwrap();
-    let told = told.noting(&visits).by_nodes(0.005 * H);
+    let interpolated = TiledSolid::new(&scaffold, &table, options(H)).unwrap();
+    let interpolated = interpolated.noting(&visits).by_nodes(0.005 * H);
     let mut noise = Noise::new(3);
     for _ in 0..200 {
         let lattice = leaf(&scaffold, &mut noise);
@@ -257,7 +280,7 @@ fn the_widest_registers_tell_the_same_bits() {
         let [narrow, wide] = [Code::Avx2, Code::Best].map(|code| {
             let mut out = [0f32; 512];
             use_code(code);
-            told.fill(&lattice, &mut out);
+            interpolated.fill(&lattice, &mut out);
             out.map(f32::to_bits)
         });
         assert_eq!(narrow, wide);

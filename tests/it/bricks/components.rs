@@ -21,7 +21,7 @@ fn solids() -> String {
     op("union", &ball([1.0, -0.4, 0.3], 5.0));
     op("union", &ball([26.0, 25.4, 25.7], 4.0));
     op("subtract", &ball([26.0, 25.4, 25.7], 3.1));
-    // Equals, told apart by place only; one lies within reach of the shell's band.
+    // Equal components, which differ in place only; one lies within reach of the shell's band.
     for x in [-20.0, 20.0] {
         op("union", &ball([x, 0.0, 20.0], 1.2));
     }
@@ -43,7 +43,7 @@ fn both(extra: &str, bricks: &[u32]) -> Report {
     for &edge in bricks {
         let two = run(&recipe, &options(directory.path(), Some(edge), 2), &Silent).unwrap();
         assert_eq!(hashes(&one), hashes(&two), "{extra}");
-        let told = |r: &Report| {
+        let summary = |r: &Report| {
             let s = &r.solid;
             let removed = (s.dropped_components, s.filled_voids, s.components);
             (
@@ -52,7 +52,7 @@ fn both(extra: &str, bricks: &[u32]) -> Report {
                 s.filled_volume.to_bits(),
             )
         };
-        assert_eq!(told(&one), told(&two), "{extra}");
+        assert_eq!(summary(&one), summary(&two), "{extra}");
     }
     one
 }
