@@ -16,6 +16,7 @@ use nalgebra::SVector;
 
 mod combine;
 mod contact;
+mod cut_cube;
 mod formula;
 mod leaf;
 mod offset;
@@ -23,6 +24,7 @@ mod primitive;
 mod revolved;
 pub use combine::{Complement, Intersection, Union};
 pub use contact::{CONTACT_TOLERANCE, contact_value, leaf_contacts};
+pub use cut_cube::cube_share;
 pub use formula::{Formula, FormulaError};
 pub use leaf::{LeafBits, LeafParts, Leaves};
 pub use offset::{ExactIntersection, Offset};

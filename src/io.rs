@@ -20,6 +20,7 @@ mod collector;
 mod crystal;
 mod dlfl;
 mod error;
+mod fe_deck;
 mod graph;
 mod inp;
 mod medit;
@@ -57,6 +58,7 @@ pub use cell::{read_cell, write_cell};
 pub use cloud::{PointFile, TEXT_CLOUDS, read_points};
 pub use crystal::{DiskFiles, carry_out, read_crystal, read_script, script_fault};
 pub use error::{ErrorClass, Place, ReadError, WriteError};
+pub use fe_deck::{DeckCounts, DeckMaterial, VoxelMesh, write_voxel_deck};
 pub use graph::{read_skeleton, read_skeleton_noted};
 pub use mesh_file::{
     MeshFile, MeshFormat, is_point_cloud, read_mesh, sniff, stated_unit, write_mesh,

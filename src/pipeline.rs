@@ -28,6 +28,7 @@ mod cells;
 mod crystals;
 mod cut_faces;
 mod decimate;
+mod deck;
 mod error;
 mod estimate;
 mod field_data;
@@ -266,6 +267,9 @@ fn conclude(
         let found = threads.install(|| fill.certificate())?;
         continuity = Some(ContinuityReport::from(&found));
         clock.lap("certificate")?;
+    }
+    for message in parts.outputs.iter().filter_map(deck::dropped) {
+        stock.warn(Warning::DECK, message)?;
     }
     if let Some(message) = continuity.as_ref().and_then(ContinuityReport::warning) {
         stock.warn(Warning::CONTINUITY, message)?;

@@ -27,6 +27,7 @@ mod brief;
 mod cell;
 mod check;
 mod crystal;
+mod deck;
 mod error;
 mod file;
 mod fit;
@@ -47,6 +48,7 @@ pub use brief::{Brief, Short};
 pub use cell::{Caps, CellSection, ElementName, Place as CellPlace, Section, Solid};
 
 pub use crystal::{CrystalFrame, CrystalRef, CrystalSection, SurfaceRef};
+pub use deck::DeckKind;
 #[cfg(feature = "vdb")]
 pub(crate) use error::nearest;
 pub use error::{Place, RecipeError, RecipeFault};

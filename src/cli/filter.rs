@@ -17,7 +17,7 @@ pub(super) struct Parameters {
     /// `keep_largest`. Bare lengths are in the file's unit; a bare number sets the first parameter.
     #[arg(required = true, value_name = "OP")]
     operations: Vec<String>,
-    /// The file to write: .vdb, .nvdb, or a mesh (.stl, .ply, .obj, .3mf).
+    /// The file to write: .vdb, .nvdb, a mesh (.stl, .ply, .obj, .3mf), or a finite-element deck (.inp).
     #[arg(short, long, value_name = "OUT")]
     output: PathBuf,
     #[command(flatten)]
@@ -63,6 +63,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
         ("lod", p.lod.map(|n| Value::Integer(n.into()))),
         ("segments", p.segments.clone().map(Value::String)),
         ("usda", Some(Value::Boolean(p.usda))),
+        ("kind", (key == "fe").then(|| Value::String("hex8".into()))),
     ]);
     let (report, lines) = draft.run(session, p.threads)?;
     session.note(&format!(

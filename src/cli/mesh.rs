@@ -1,11 +1,11 @@
 //! `druse mesh IN.vdb -o X.stl`.
 
 use super::vdb_commands::{
-    Draft, GridChoice, answer as report_answer, extent, length, path_value, table,
+    Draft, GridChoice, answer as report_answer, extent, length, output_key, path_value, table,
 };
 use super::{Answer, Failure, Session};
 use crate::frame::LengthUnit;
-use crate::recipe::{Fraction, MesherWord, Portion, Size};
+use crate::recipe::{Fraction, MesherWord, Portion, Positive, Size};
 use clap::Args;
 use std::path::PathBuf;
 use toml::Value;
@@ -14,7 +14,7 @@ use toml::Value;
 pub(super) struct Parameters {
     /// The OpenVDB file.
     file: PathBuf,
-    /// The mesh to write (.stl, .ply, .obj, .3mf).
+    /// The mesh to write (.stl, .ply, .obj, .3mf), or a finite-element deck of voxel hexahedra (.inp).
     #[arg(short, long, value_name = "X.stl")]
     output: PathBuf,
     #[command(flatten)]
@@ -38,6 +38,18 @@ pub(super) struct Parameters {
     /// Most that the surface may move by that, as in 0.01mm; bare in the file's unit.
     #[arg(long, value_name = "LENGTH", requires = "decimate")]
     decimate_error: Option<Size>,
+    /// Edge of the elements of a deck, a whole number of voxels [default: one voxel].
+    #[arg(long, value_name = "LENGTH", help_heading = "Deck (.inp)")]
+    element_size: Option<Size>,
+    /// Least share of solid in an element of a deck [default: 0.5].
+    #[arg(long, value_name = "SHARE", help_heading = "Deck (.inp)")]
+    solid_share: Option<Fraction>,
+    /// Young's modulus of a deck's material, force per area in its units [default: 1].
+    #[arg(long = "E", value_name = "MODULUS", help_heading = "Deck (.inp)")]
+    young: Option<Positive>,
+    /// Poisson's ratio of a deck's material [default: 0.3].
+    #[arg(long = "nu", value_name = "RATIO", help_heading = "Deck (.inp)")]
+    poisson: Option<Fraction>,
     /// Worker threads [default: one per core].
     #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true)]
     threads: usize,
@@ -51,8 +63,21 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
         ])
     };
     let (mut draft, unit) = Draft::of_file(&p.file, &p.choice)?;
+    let key = output_key(&p.output);
+    if !matches!(key, "mesh" | "fe") {
+        return Err(Failure::usage(format!(
+            "{}: found another extension; expected .stl, .ply, .obj, .3mf or .inp",
+            p.output.display()
+        ))
+        .hint("druse filter writes .vdb, druse preview writes .png"));
+    }
     draft.output(vec![
-        ("mesh", Some(path_value(&p.output)?)),
+        (key, Some(path_value(&p.output)?)),
+        ("kind", (key == "fe").then(|| Value::String("hex8".into()))),
+        ("element_size", p.element_size.map(length)),
+        ("solid_share", p.solid_share.map(|s| Value::Float(s.0))),
+        ("young", p.young.map(|y| Value::Float(y.0))),
+        ("poisson", p.poisson.map(|n| Value::Float(n.0))),
         ("unit", Some(Value::String(p.out_unit.symbol().into()))),
         ("quads", Some(Value::Boolean(p.quads))),
         ("mesher", p.mesher.map(|m| Value::String(m.word().into()))),

@@ -177,6 +177,7 @@ pub(super) fn output_key(path: &Path) -> &'static str {
     match extension.as_str() {
         "stl" | "ply" | "obj" | "3mf" => "mesh",
         "png" => "picture",
+        "inp" => "fe",
         _ => "vdb",
     }
 }

@@ -32,6 +32,7 @@ use std::path::{Path, PathBuf};
 mod assemble;
 mod attributes;
 mod budget;
+mod deck;
 mod directory;
 mod farm;
 mod halo;

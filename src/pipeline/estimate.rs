@@ -21,11 +21,11 @@ use serde::Serialize;
 
 mod costs;
 
-pub(super) use costs::{PER_FEWER, PER_MOVED, numbers_at_vertices};
 use costs::{
-    WIDENING, cost, grids_in_memory, grids_on_disk, pixels, point_in_memory, point_in_spool,
-    point_on_disk,
+    ELEMENT_BYTES, ELEMENT_DISK_BYTES, WIDENING, cost, deck_elements, grids_in_memory,
+    grids_on_disk, pixels, point_in_memory, point_in_spool, point_on_disk,
 };
+pub(super) use costs::{PER_FEWER, PER_MOVED, numbers_at_vertices};
 
 /// Predicted needs of a run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
@@ -432,6 +432,7 @@ fn predict(stock: &Stock, threads: &Threads, c: &Counts) -> Estimate {
                     grids_on_disk(&words, c) + copies * grids_on_disk(&[GridWord::Surface], c)
                 }
                 OutputKind::Mesh => points * point_on_disk(output, path),
+                OutputKind::Deck => deck_elements(output, c, on_last) * ELEMENT_DISK_BYTES,
                 OutputKind::Picture => 0.25 * pixels(output),
                 OutputKind::Report => 4e3,
             };
@@ -449,6 +450,7 @@ fn predict(stock: &Stock, threads: &Threads, c: &Counts) -> Estimate {
                     tree * (1.0 + copies) + grids_in_memory(&words, c)
                 }
                 OutputKind::Mesh => points * point_in_memory(output),
+                OutputKind::Deck => deck_elements(output, c, on_last) * ELEMENT_BYTES,
                 OutputKind::Picture => pixels(output) * PIXEL_BYTES,
                 OutputKind::Report => continue,
             };

@@ -64,6 +64,11 @@ pub(super) fn write(
                 ..listed(path, Some(unit))?
             }]
         }
+        OutputKind::Deck => {
+            vec![super::deck::write(
+                bench, done.stock, done.solid, output, path,
+            )?]
+        }
         OutputKind::Picture => {
             let failed = RunError::level_set("picture");
             let image = done.solid.render(&picture(output), bench.session());
@@ -96,6 +101,7 @@ pub(super) fn listed(path: &Path, unit: Option<LengthUnit>) -> Result<OutputFile
         hash,
         content_hash: None,
         mesh: None,
+        deck: None,
     })
 }
 

@@ -383,6 +383,26 @@ pub struct OutputFile {
     /// Of a mesh.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub mesh: Option<MeshFacts>,
+    /// Of a finite-element deck.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub deck: Option<DeckFacts>,
+}
+
+/// Counts of a finite-element deck; lengths are in the deck's unit.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct DeckFacts {
+    /// Nodes.
+    pub nodes: u64,
+    /// Elements.
+    pub elements: u64,
+    /// Edge of the elements.
+    pub element_size: f64,
+    /// Volume of the elements.
+    pub volume: f64,
+    /// Elements that share no face with the largest component, left out.
+    pub dropped_elements: u64,
+    /// Components of these.
+    pub dropped_components: u64,
 }
 
 /// What is known of a mesh that was written.
@@ -447,6 +467,8 @@ impl Warning {
     pub const SECTION: &'static str = "W116";
     /// W117: a grid of a file that is not quite what it says, and what was made of it.
     pub const GRID: &'static str = "W117";
+    /// W118: elements of a finite-element deck that are left out, since they share no face with the rest.
+    pub const DECK: &'static str = "W118";
 }
 
 fn corners<S: serde::Serializer>(b: &Aabb, s: S) -> Result<S::Ok, S::Error> {

@@ -1,8 +1,9 @@
 //! `[[output]]`: the files a run writes.
 
 use super::brief::{Brief, Short};
+use super::deck::DeckKind;
 use super::grid_word::GridWord;
-use super::quantity::{Fraction, Portion, Size, Unit};
+use super::quantity::{Fraction, Portion, Positive, Size, Unit};
 use crate::frame::LengthUnit;
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::de::value::SeqAccessDeserializer;
@@ -13,7 +14,7 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
-/// One file. Exactly one of `vdb`, `mesh`, `picture` and `report` gives its kind and path.
+/// One file. Exactly one of `vdb`, `mesh`, `fe`, `picture` and `report` gives its kind and path.
 // Keys of a recipe are flags one by one.
 #[allow(clippy::struct_excessive_bools)]
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
@@ -23,6 +24,9 @@ pub struct Output {
     pub vdb: Option<PathBuf>,
     /// A triangle mesh: .stl, .ply, .obj or .3mf.
     pub mesh: Option<PathBuf>,
+    /// A finite-element deck (.inp) of the finished part for CalculiX and Abaqus: nodes, elements, sets and
+    /// surfaces of the six sides of its box, a material. Loads and steps are left to the deck that includes it.
+    pub fe: Option<PathBuf>,
     /// A shaded picture (.png).
     pub picture: Option<PathBuf>,
     /// The run's report (.json).
@@ -67,6 +71,17 @@ pub struct Output {
     /// whole beams that nothing cuts, round ones in curved elements as polylines; fitted graphs for one cell
     /// over a scaffold of straight elements.
     pub beams: bool,
+    /// Elements of the deck: "hex8", cubes of whole voxels. Required with `fe`.
+    pub kind: Option<DeckKind>,
+    /// Edge of the deck's elements, a whole number of voxels; one voxel when left out.
+    pub element_size: Option<Size>,
+    /// Least share of solid in an element of the deck; 0.5 when left out.
+    pub solid_share: Option<Fraction>,
+    /// Young's modulus of the deck's material, force per area in the deck's units; 1 when left out, so that
+    /// stresses are relative.
+    pub young: Option<Positive>,
+    /// Poisson's ratio of the deck's material, below 0.5; 0.3 when left out.
+    pub poisson: Option<Fraction>,
     /// Width and height of the picture in pixels: [1000, 800] or "1000x800".
     pub size: Option<PictureSize>,
     /// A cut plane of the picture, as in "x=0" (recipe's unit).
@@ -149,6 +164,8 @@ pub enum OutputKind {
     Vdb,
     /// A triangle mesh.
     Mesh,
+    /// A finite-element deck.
+    Deck,
     /// A picture.
     Picture,
     /// The report.
@@ -161,6 +178,7 @@ impl OutputKind {
         match self {
             Self::Vdb => "vdb",
             Self::Mesh => "mesh",
+            Self::Deck => "fe",
             Self::Picture => "picture",
             Self::Report => "report",
         }
@@ -173,6 +191,7 @@ impl Output {
         [
             (OutputKind::Vdb, &self.vdb),
             (OutputKind::Mesh, &self.mesh),
+            (OutputKind::Deck, &self.fe),
             (OutputKind::Picture, &self.picture),
             (OutputKind::Report, &self.report),
         ]

@@ -55,6 +55,12 @@ pub enum VdbError {
         "the surface is open: the grid's values end where it goes on; expected values on both sides of all of it"
     )]
     Open,
+    /// A voxel mesh with too many elements.
+    #[error(
+        "the voxel mesh would have {0} elements or more; expected at most {max}: give a larger element_size",
+        max = super::MAX_CUBES
+    )]
+    TooManyCubes(u64),
     /// OpenVDB refused.
     #[error("OpenVDB failed in {doing}: {reason}")]
     OpenVdb {

@@ -1,6 +1,7 @@
 //! Whole runs against closed forms and laws.
 
 mod crystals;
+mod decks;
 mod offsets;
 mod outputs;
 mod require;

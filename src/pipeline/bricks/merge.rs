@@ -6,6 +6,7 @@ use super::super::least_wall::Phase;
 use super::super::report::{BandReport, BricksReport, OutputFile, SolidReport};
 use super::super::{Clock, Parts, Targets, output};
 use super::Yard;
+use super::deck::deck;
 use super::least_wall::sampled_walls;
 use super::measure::{measure, picture};
 use super::meshes::Meshes;
@@ -66,6 +67,11 @@ pub(super) fn gather(
             picture(yard, &solid, (output, path), found.frame)?;
             outputs.push(output::listed(path, None)?);
             clock.lap("picture")?;
+            continue;
+        }
+        if output.fe.is_some() {
+            outputs.push(deck(yard, &solid, output, path)?);
+            clock.lap("write")?;
             continue;
         }
         if output.mesh.is_some() {

@@ -2,6 +2,7 @@
 
 use super::super::voxels::Voxels;
 use super::{Counts, LEAF_BYTES};
+use crate::band::BLOCK;
 use crate::recipe::{GridWord, Op, Output};
 use std::path::Path;
 
@@ -143,4 +144,17 @@ pub(super) fn cost(op: &Op, on: Voxels) -> (f64, f64) {
         Op::Renormalise(r) => (1.0, 50.0 * f64::from(r.iterations.0)),
         Op::KeepLargest(_) | Op::DropSmall(_) | Op::FillVoids(_) => (1.2, 100.0),
     }
+}
+
+/// Bytes of an element of a deck in memory: a cube with its share, and the kept cubes.
+pub(super) const ELEMENT_BYTES: f64 = 36.0;
+/// Bytes of an element of a deck on disk, with its share of the nodes.
+pub(super) const ELEMENT_DISK_BYTES: f64 = 150.0;
+/// Share of the solid's box that elements of a deck fill, at most: parts are rarely denser.
+const DECK_FILL: f64 = 0.6;
+
+/// Elements of a deck. How much of its box a solid fills is not sampled, so that this is an upper estimate.
+pub(super) fn deck_elements(output: &Output, c: &Counts, on: Voxels) -> f64 {
+    let edge = f64::from(output.element_voxels(on.scale).unwrap_or(1));
+    DECK_FILL * c.volume * f64::from(BLOCK).powi(3) / edge.powi(3)
 }

@@ -6,6 +6,7 @@ use crate::recipe::grid_word::GridWord;
 use crate::recipe::op::Op;
 use crate::recipe::operand::Operand;
 use crate::recipe::output::{MesherWord, Output, OutputKind};
+use crate::recipe::quantity::Scale;
 use crate::recipe::source::Source;
 
 pub(super) fn outputs(sections: &Sections, source: &Source) -> Checked {
@@ -17,7 +18,7 @@ pub(super) fn outputs(sections: &Sections, source: &Source) -> Checked {
             return Err(source.fault(
                 &key,
                 format!(
-                    "an [[output]] names exactly one of vdb, mesh, picture, report; found {}",
+                    "an [[output]] names exactly one of vdb, mesh, fe, picture, report; found {}",
                     named.len()
                 ),
             ));
@@ -42,6 +43,7 @@ pub(super) fn outputs(sections: &Sections, source: &Source) -> Checked {
         let known: &[&str] = match kind {
             OutputKind::Vdb => &["vdb", "nvdb"],
             OutputKind::Mesh => &["stl", "ply", "obj", "3mf"],
+            OutputKind::Deck => &["inp"],
             OutputKind::Picture => &["png"],
             OutputKind::Report => &["json"],
         };
@@ -56,8 +58,9 @@ pub(super) fn outputs(sections: &Sections, source: &Source) -> Checked {
             ));
         }
         let (vdb, mesh, picture) = (OutputKind::Vdb, OutputKind::Mesh, OutputKind::Picture);
+        let deck = OutputKind::Deck;
         // Keys, whether they are given, and the files that they are for.
-        let owned: [(&str, bool, &[OutputKind]); 16] = [
+        let owned: [(&str, bool, &[OutputKind]); 21] = [
             ("fog", output.fog, &[vdb]),
             ("lod", output.lod.is_some(), &[vdb]),
             ("segments", output.segments.is_some(), &[vdb]),
@@ -66,7 +69,7 @@ pub(super) fn outputs(sections: &Sections, source: &Source) -> Checked {
             ("compression", output.compression.is_some(), &[vdb]),
             ("size", output.size.is_some(), &[picture]),
             ("cut", output.cut.is_some(), &[picture]),
-            ("unit", output.unit.is_some(), &[vdb, mesh]),
+            ("unit", output.unit.is_some(), &[vdb, mesh, deck]),
             ("quads", output.quads, &[mesh]),
             ("beams", output.beams, &[mesh]),
             ("mesher", output.mesher.is_some(), &[mesh]),
@@ -74,6 +77,11 @@ pub(super) fn outputs(sections: &Sections, source: &Source) -> Checked {
             ("sharp", output.sharp, &[mesh]),
             ("adaptivity", output.adaptivity.is_some(), &[mesh]),
             ("decimate", output.decimate.is_some(), &[mesh]),
+            ("kind", output.kind.is_some(), &[deck]),
+            ("element_size", output.element_size.is_some(), &[deck]),
+            ("solid_share", output.solid_share.is_some(), &[deck]),
+            ("young", output.young.is_some(), &[deck]),
+            ("poisson", output.poisson.is_some(), &[deck]),
         ];
         let wrong = owned
             .into_iter()
@@ -86,6 +94,9 @@ pub(super) fn outputs(sections: &Sections, source: &Source) -> Checked {
             ));
         }
         grids(sections, output, (kind, &extension), &key, source)?;
+        if kind == OutputKind::Deck {
+            of_deck(sections, output, &key, source)?;
+        }
         if kind == OutputKind::Mesh {
             of_mesh(sections, output, &extension, &key, source)?;
         }
@@ -213,6 +224,37 @@ fn beams(
                 .into(),
         ),
     }
+}
+
+/// Rules of a finite-element deck.
+fn of_deck(sections: &Sections, output: &Output, key: &str, source: &Source) -> Checked {
+    let fault = |word: &str, message: String| source.fault(&format!("{key}.{word}"), message);
+    if output.kind.is_none() {
+        return Err(fault(
+            "fe",
+            "a deck needs the kind of its elements; expected kind = \"hex8\"".into(),
+        ));
+    }
+    if let Some(poisson) = output.poisson.filter(|p| p.0 >= 0.5) {
+        let message = format!("found {poisson}, expected a Poisson's ratio below 0.5");
+        return Err(fault("poisson", message));
+    }
+    // Operations may change the voxels; then the run checks the size.
+    if sections.op.iter().any(|op| matches!(op, Op::Resample(_))) {
+        return Ok(());
+    }
+    let unknown = Scale {
+        unit: sections.unit.0,
+        voxel_size: f64::NAN,
+    };
+    let scale = Scale {
+        voxel_size: sections.band.voxel_size.resolve(unknown),
+        ..unknown
+    };
+    output
+        .element_voxels(scale)
+        .map(|_| ())
+        .map_err(|message| fault("element_size", message))
 }
 
 /// What a mesh may be.

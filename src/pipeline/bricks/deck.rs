@@ -1,0 +1,38 @@
+//! Finite-element decks of a solid in bricks: each brick adds the solid in its own voxels.
+
+use super::super::deck;
+use super::super::error::RunError;
+use super::super::report::OutputFile;
+use super::assemble::part;
+use super::solid::StoredSolid;
+use super::{Quiet, Yard};
+use crate::frame::{Coord, Vec3};
+use crate::recipe::Output;
+use std::path::Path;
+
+/// Voxels around a brick, of which those next to it give slopes at its border.
+const HALO: i32 = 8;
+
+/// Writes the deck of a solid in bricks. The cubes of all bricks are in memory together.
+pub(super) fn deck(
+    yard: &Yard,
+    solid: &StoredSolid,
+    output: &Output,
+    path: &Path,
+) -> Result<OutputFile, RunError> {
+    let StoredSolid { bricks, store } = solid;
+    yard.progress.stage("elements", Some(bricks.len() as u64));
+    let quiet = Quiet(yard.progress);
+    let bench = bricks.bench(yard, &quiet);
+    let recipe = yard.stock.recipe;
+    let mut cubes = deck::cubes(bench, recipe, output)?;
+    for brick in 0..bricks.len() {
+        let region = bricks.region(brick);
+        let own = part(bench, store, region.grown(HALO), Coord([0; 3]))?;
+        cubes
+            .add(&own, Some(region), bench.session())
+            .map_err(RunError::level_set("fe"))?;
+        yard.progress.advance(1);
+    }
+    deck::write_cubes(bench, (recipe, Vec3::zeros()), &cubes, output, path)
+}

@@ -1,0 +1,112 @@
+//! Finite-element decks of the finished solid: cubes of its voxels as elements.
+
+use super::error::RunError;
+use super::inputs::Stock;
+use super::level_set_ops::Bench;
+use super::output::listed;
+use super::report::{DeckFacts, OutputFile};
+use crate::frame::{LengthUnit, Vec3, figures};
+use crate::io::{DeckMaterial, VoxelMesh, write_voxel_deck};
+use crate::recipe::{Output, Recipe};
+use crate::vdb::{LevelSet, SolidCubes, largest_face_component};
+use std::path::Path;
+
+/// Least share of solid in an element, unless the output sets another.
+const SOLID_SHARE: f64 = 0.5;
+/// Poisson's ratio, unless the output sets another.
+const POISSON: f64 = 0.3;
+
+/// No cubes yet, of the output's element size on the voxels of `bench`.
+pub(super) fn cubes(
+    bench: Bench,
+    recipe: &Recipe,
+    output: &Output,
+) -> Result<SolidCubes, RunError> {
+    let edge = output.element_voxels(bench.scale).map_err(|message| {
+        let outputs = &recipe.sections().output;
+        let number = outputs.iter().position(|o| std::ptr::eq(o, output));
+        let key = format!("output.{}.element_size", number.unwrap_or(0));
+        recipe.source().fault(&key, message)
+    })?;
+    Ok(SolidCubes::new(edge))
+}
+
+/// Writes the deck of a solid in memory.
+pub(super) fn write(
+    bench: Bench,
+    stock: &Stock,
+    solid: &LevelSet,
+    output: &Output,
+    path: &Path,
+) -> Result<OutputFile, RunError> {
+    let mut all = cubes(bench, stock.recipe, output)?;
+    all.add(solid, None, bench.session())
+        .map_err(RunError::level_set("fe"))?;
+    write_cubes(bench, (stock.recipe, solid.origin()), &all, output, path)
+}
+
+/// Writes the deck of cubes; `origin` is the position of voxel (0, 0, 0) in the recipe's unit.
+pub(super) fn write_cubes(
+    bench: Bench,
+    (recipe, origin): (&Recipe, Vec3),
+    cubes: &SolidCubes,
+    output: &Output,
+    path: &Path,
+) -> Result<OutputFile, RunError> {
+    let unit = output.unit_or_default(recipe.unit());
+    let factor = recipe.unit().to(unit);
+    let share = output.solid_share.map_or(SOLID_SHARE, |s| s.0);
+    let solid = cubes.at_least(share);
+    let (kept, components) = largest_face_component(&solid);
+    if kept.is_empty() {
+        let message =
+            format!("no element has a share of solid of {share}; give a smaller element_size");
+        return Err(recipe.source().fault("output", message).into());
+    }
+    let voxel = bench.scale.voxel_size * factor;
+    let edge = f64::from(cubes.edge()) * voxel;
+    let mesh = VoxelMesh {
+        cubes: &kept,
+        origin: origin * factor,
+        edge,
+    };
+    let material = DeckMaterial {
+        young: output.young.map_or(1.0, |y| y.0),
+        poisson: output.poisson.map_or(POISSON, |p| p.0),
+    };
+    let written = write_voxel_deck(path, mesh, &heading(recipe, edge, unit), material)?;
+    Ok(OutputFile {
+        deck: Some(DeckFacts {
+            nodes: written.nodes,
+            elements: written.elements,
+            element_size: edge,
+            volume: written.elements as f64 * edge.powi(3),
+            dropped_elements: (solid.len() - kept.len()) as u64,
+            dropped_components: components as u64 - 1,
+        }),
+        ..listed(path, Some(unit))?
+    })
+}
+
+/// The lines under `*HEADING`.
+fn heading(recipe: &Recipe, edge: f64, unit: LengthUnit) -> Vec<String> {
+    let name = recipe.source().path.as_deref().and_then(Path::file_name);
+    let name = name.map_or_else(
+        || "a recipe".to_owned(),
+        |n| n.to_string_lossy().into_owned(),
+    );
+    vec![
+        format!("Druse: cubes of {} {unit}, made from {name}", figures(edge)),
+        format!("lengths in {unit}, Young's modulus in force per {unit}^2; no loads, no steps"),
+    ]
+}
+
+/// The warning about elements that a deck leaves out.
+pub(super) fn dropped(file: &OutputFile) -> Option<String> {
+    let deck = file.deck.as_ref().filter(|d| d.dropped_elements > 0)?;
+    Some(format!(
+        "{}: {} elements in {} components share no face with the largest one and are left out; smaller \
+         elements may connect them",
+        file.path, deck.dropped_elements, deck.dropped_components
+    ))
+}
